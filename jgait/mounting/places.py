@@ -22,11 +22,18 @@ from jgait.types import SIDES, AnyArray, Imu, as_float
 SURE = 0.99
 """[1] Probability above which sensors are taken as exchanged, and an axis as the right way round."""
 
+LIKELY = 0.5
+"""[1] Probability of the places as they are called below which the sensors count no more."""
+
 EXCHANGED = 0.01
 """[1] Prior probability that a pair of sensors, or all of both legs, have changed places; chosen."""
 
 DEGREES_OF_FREEDOM = 4.0
 """[1] Of Student's t distribution of harmonics over people; chosen, so that limping people do not contradict."""
+
+TEMPER = 0.5
+"""[1] Weight of the likelihood, for the harmonics of one person are unusual together, as of a paretic leg. Chosen: with
+it simulated limping and hemiparetic people keep their sensors."""
 
 UNKNOWN, UNKNOWN_SD = 0.02, 1.0
 """[1] Prior probability that a sensor moves as none does in walking, and the standard deviation of its harmonics."""
@@ -55,7 +62,8 @@ class Places(NamedTuple):
     right: dict[str, float]
     certain: dict[str, float]  #: placement → probability of that sign.
     exchanged: float  #: probability that any sensors have changed places.
-    doubtful: frozenset[str]  #: placements of which it is not sure whether they have changed places.
+    doubtful: frozenset[str]  #: placements that have rather changed places than not, but which, is not sure.
+    unsure_of: frozenset[str]  #: placements of which it is not sure whether they have changed places.
 
     @property
     def moved(self) -> tuple[str, ...]:
@@ -66,8 +74,8 @@ class Places(NamedTuple):
         """Notes on sensors that have, or may have, changed places."""
         if self.moved:
             return [PLACES_EXCHANGED(placements=" and ".join(self.moved))]
-        if self.doubtful:
-            return [PLACES_UNSURE(placements=", ".join(sorted(self.doubtful)), probability=self.exchanged)]
+        if self.unsure_of:
+            return [PLACES_UNSURE(placements=", ".join(sorted(self.unsure_of)), probability=self.exchanged)]
         return []
 
     def unsure(self, placement: str) -> list[Note]:
@@ -150,15 +158,15 @@ def places_of(cycle: Cycle) -> Places:
     either = np.logaddexp(table[:, :, 0], table[:, :, 1])
     orders, prior = _orders(names)
     at = np.arange(len(names))
-    scores = prior[:, None] + either[orders, at].sum(axis=1)  # order: place → sensor
+    scores = prior[:, None] + TEMPER * either[orders, at].sum(axis=1)  # order: place → sensor
     scores = np.exp(scores - scores.max())
     weights = scores.sum(axis=1) / scores.sum()
     best, here = int(np.argmax(weights)), int(np.flatnonzero((orders == at).all(axis=1))[0])
     chosen = best if weights[best] >= SURE else here
-    doubtful: frozenset[str] = frozenset()
+    unsure: frozenset[str] = frozenset()
     if weights[chosen] < SURE:
         likely = orders[weights > 1.0 - SURE]
-        doubtful = frozenset(name for place, name in enumerate(names) if (likely[:, place] != place).any())
+        unsure = frozenset(name for place, name in enumerate(names) if (likely[:, place] != place).any())
     order = orders[chosen]
     moments = scores[chosen] / scores[chosen].sum()
     right, certain = {}, {}
@@ -167,7 +175,8 @@ def places_of(cycle: Cycle) -> Places:
         share = float(moments @ (1.0 / (1.0 + np.exp(np.clip(signs[1] - signs[0], -700.0, 700.0)))))
         right[name], certain[name] = (1.0, share) if share >= 0.5 else (-1.0, 1.0 - share)
     worn = {name: names[order[place]] for place, name in enumerate(names)}
-    return Places(worn, right, certain, float(1.0 - weights[here]), doubtful)
+    rather = unsure if weights[here] < LIKELY else frozenset[str]()
+    return Places(worn, right, certain, float(1.0 - weights[here]), rather, unsure)
 
 
 def places_in(sensors: Mapping[str, Imu]) -> Places | None:
@@ -189,10 +198,12 @@ def places_in(sensors: Mapping[str, Imu]) -> Places | None:
     cycle = cycle_of({name: _at(imu, time) for name, imu in legs.items()})
     if cycle is None or len(cycle.turning) < 2:
         return None
-    worn, right, certain, exchanged, doubtful = places_of(cycle)
+    of_cycle = places_of(cycle)
+    worn, right, certain = of_cycle.worn, of_cycle.right, of_cycle.certain
     worn = {labels[name]: labels[label] for name, label in worn.items()}
     right, certain = ({labels[name]: value for name, value in each.items()} for each in (right, certain))
-    return Places(worn, right, certain, exchanged, frozenset(labels[name] for name in doubtful))
+    doubtful, unsure = (frozenset(labels[name] for name in each) for each in (of_cycle.doubtful, of_cycle.unsure_of))
+    return Places(worn, right, certain, of_cycle.exchanged, doubtful, unsure)
 
 
 def _at(imu: Imu, time: np.ndarray) -> Imu:

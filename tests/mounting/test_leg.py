@@ -56,7 +56,8 @@ def test_sensors_worn_in_any_way_face_forward(walk, kept):
     still = legs_at_rest([imu.gyr for imu in sensors.values()], RATE)
     worn = worn_legs(sensors, still, RATE, estimator="leg_ekf")
     assert not worn.places.moved and worn.standing is not None
-    assert not worn.places.doubtful or walk[0].stride_length < SLOW
+    assert not worn.places.doubtful
+    assert not worn.places.unsure_of or walk[0].stride_length < SLOW
     for side, leg in worn.legs.items():
         assert not leg.notes
         for segment, rows in leg.rows.items():
@@ -72,7 +73,7 @@ def test_exchanged_sensors_are_put_in_their_places(walk, kept):
         cycle = cycle_of(turned({name: sensors[order.get(name, name)] for name in kept}, 7)[0])
         places = places_of(cycle)
         assert len(places.notes()) == 1
-        if walk[0].stride_length < SLOW and places.doubtful:
+        if walk[0].stride_length < SLOW and places.unsure_of:
             continue
         assert places.worn == {name: order.get(name, name) for name in kept}
         assert places.moved and not places.doubtful

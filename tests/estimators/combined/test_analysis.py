@@ -25,7 +25,7 @@ from jgait.quality import notes as writer
 from jgait.report import of_analysis
 from jgait.simulate.gaits import walking
 from jgait.simulate.sensors import OPAL
-from jgait.types import SIDES, Imu, RecordingError, as_float
+from jgait.types import Imu, RecordingError, as_float
 
 PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
 FEET = ("foot_right", "foot_left")
@@ -440,7 +440,7 @@ def test_legs_that_walk_backwards_are_not_believed_and_the_note_says_why(walked)
     found = jgait.analyse(walked[0]._replace(sensors=backwards), PERSON)
     (places,) = of_code(found.notes, "places_unsure")
     assert "walks backwards" in str(places)
-    assert {note.values["side"] for note in of_code(found.notes, "strides_of_waist")} == set(SIDES)
+    assert of_code(found.notes, "knee_implausible") or of_code(found.notes, "angles_doubtful")
 
 
 def test_sensors_in_a_wrong_unit_are_left_out(walked):
