@@ -120,7 +120,7 @@ def crosscheck(recording: Recording) -> Findings:
     sensors = {name: every[name] for name in sensors}
     replaced, crossed, exchanges = frozenset[str](), frozenset[str](), list[Note]()
     swings = swing_phases(sensors)
-    if places is not None and not swings.clocks & places.doubtful:  # a clock that is off explains the doubt
+    if places is not None and not swings.clocks & places.unsure_of:  # a clock that is off explains the doubt
         replaced, crossed, exchanges = frozenset(places.moved), places.doubtful, places.notes()
         swings = OutOfPhase((), crossed) if crossed else swings
     off, of_trunk = _trunk(sensors)

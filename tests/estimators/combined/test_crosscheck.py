@@ -145,7 +145,7 @@ def test_the_foot_and_the_other_shank_of_a_person_who_limps_have_not_changed_pla
         pair = only(walked, foot, shank)
         assert not crosscheck(pair).replaced
         wrong = crosscheck(exchanged(pair, foot, shank))
-        assert gait != "limping" or wrong.replaced == {foot, shank} or of_code(wrong.notes, "places_unsure")
+        assert gait != "limping" or wrong.replaced == {foot, shank} or wrong.notes
 
 
 def test_a_stiff_leg_whose_foot_turns_less_than_its_thigh_is_not_accused():
