@@ -26,8 +26,9 @@ hidden."""
 STRIDE_TIMES, USUAL_STRIDE_TIME = (0.6, 4.0), 1.1
 """[s] Limits of the stride time in the search, and the stride time that is assumed if the search finds none."""
 
-MEASURED_SHARE, STRIDES = 0.4, 2.0
-"""[1] Least share of measured samples in a window whose harmonics count. [strides] Duration of a window."""
+MEASURED_SHARE, HELD_SHARE, STRIDES = 0.4, 0.7, 2.0
+"""[1] Least share of measured samples in a window whose harmonics count, and least part of the legs' power that they
+hold in it: they hold little where the stride time is another, as in a slower part. [strides] Duration of a window."""
 
 SEGMENTS = ("thigh", "shank", "foot")
 """Segments of a leg."""
@@ -155,6 +156,7 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
         windows = [slice(*max(true_runs(walks), key=lambda run: run[1] - run[0]))]
     if not windows:
         return None
+    windows = _repeating([(rates[n][:, 0], np.asarray(sensors[n].mask, bool)) for n in legs], windows, last, hz)
     waves = {name: _harmonics(rate, np.asarray(sensors[name].mask, bool), windows, last, hz)
              for name, rate in rates.items()}  # fmt: skip
     strongest = max(legs, key=lambda name: float(np.nansum(np.abs(waves[name][:, 1:, 0]) ** 2)))
@@ -180,14 +182,34 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
     return Cycle(last, turning, windows, walks)
 
 
+def _design(samples: int, last: float, hz: float) -> np.ndarray:
+    """(samples, 1 + 2 HARMONICS) a constant, cosines and sines of the stride's harmonics."""
+    phases = 2.0 * np.pi / last * np.outer(np.arange(samples) / hz, np.arange(1, HARMONICS + 1))
+    return np.column_stack([np.ones(samples), np.cos(phases), np.sin(phases)])
+
+
+def _repeating(legs: list[tuple[np.ndarray, np.ndarray]], windows: list[slice], last: float, hz: float) -> list[slice]:
+    """The windows in which the harmonics hold `HELD_SHARE` of the power of the legs' rates (T,), each with its mask;
+    all if there is none.
+    """
+    design = _design(windows[0].stop - windows[0].start, last, hz)
+    held = []
+    for window in windows:
+        left = power = 0.0
+        for rate, mask in legs:
+            rows, values = design[mask[window]], rate[window][mask[window]]
+            if len(values) > 2 * design.shape[1]:
+                left += float(np.sum((values - rows @ np.linalg.lstsq(rows, values)[0]) ** 2))
+                power += float(np.sum((values - values.mean()) ** 2))
+        held.append(left <= (1.0 - HELD_SHARE) * power)
+    return [window for window, whole in zip(windows, held, strict=True) if whole] or windows
+
+
 def _harmonics(rate: np.ndarray, mask: np.ndarray, windows: list[slice], last: float, hz: float) -> np.ndarray:
     """(windows, 1 + HARMONICS, n) mean and harmonics of rates (T, n), by least squares over the measured samples; NaN
     where too few are measured.
     """
-    phases = (
-        2.0 * np.pi / last * np.outer(np.arange(windows[0].stop - windows[0].start) / hz, np.arange(1, HARMONICS + 1))
-    )
-    design = np.column_stack([np.ones(len(phases)), np.cos(phases), np.sin(phases)])
+    design = _design(windows[0].stop - windows[0].start, last, hz)
     every = np.full((len(windows), HARMONICS + 1, rate.shape[1]), np.nan + 0j)
     for number, window in enumerate(windows):
         kept = mask[window]
