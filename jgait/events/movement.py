@@ -18,7 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.geometry.vectors import GRAVITY
+from jgait.geometry.rotation import rows as matrix_rows
+from jgait.geometry.vectors import GRAVITY, as_array
+from jgait.signal.strapdown import integrated
 from jgait.signal.windows import held_mean, held_spread, over_losses, window_maximum, window_size
 from jgait.types import Imu, Recording, as_float
 
@@ -57,9 +59,6 @@ below which the gyroscope contradicts the accelerometer, so that it is none."""
 CARRIED, CARRIED_S = 0.3, 1.0
 """[m/s²] Change of the mean force within `CARRIED_S` [s], beyond what the trunk turns, above which a person at rest is
 carried, as by a treadmill's belt that starts: standing sways less."""
-
-BLOCK = 64
-"""[samples] Rotations that are multiplied together, of all blocks at once."""
 
 CHANGE, TEMPER = 0.08, 0.15
 """[1] Probability that a movement ends within `GRID_S`, and weight of the evidence of one window beside others, which
@@ -145,7 +144,6 @@ def movement(recording: Recording) -> Activity | None:
         quiet &= np.interp(time, as_float(imu.time), around) < limit
         if segment:
             carried &= np.interp(time, as_float(imu.time), _carried(imu, around < limit, rate)) > 0.5
-        if segment:
             at, odds = of_sensor(placement, imu, rate)
             lost = np.interp(at, as_float(imu.time) - imu.time[0], _lost(measured, WINDOW_S, rate))
             grids.append((at + float(imu.time[0]), np.where((lost > LOST)[:, None], 0.0, odds)))
@@ -227,20 +225,9 @@ def unrest(gyr: np.ndarray, acc: np.ndarray, rate: float, seconds: float = CALM_
     return np.hypot(np.sqrt(np.maximum(power, 0.0)), held_spread(acc, size) / JOLT)
 
 
-def attitudes(gyr: np.ndarray, rate: float) -> np.ndarray:
+def attitudes(gyr: np.ndarray, acc: np.ndarray, rate: float) -> np.ndarray:
     """(T, 3, 3) rotations to the axes of the first sample."""
-    angle = np.linalg.norm(gyr, axis=1) / rate
-    x, y, z = (gyr / rate / np.maximum(angle, 1e-12)[:, None]).T
-    o = np.zeros_like(x)
-    k = np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
-    turns = np.eye(3) + np.sin(angle)[:, None, None] * k + (1.0 - np.cos(angle))[:, None, None] * (k @ k)
-    turns[0], samples = np.eye(3), len(turns)
-    rows = np.concatenate([turns, np.tile(np.eye(3), (-samples % BLOCK, 1, 1))]).reshape(-1, BLOCK, 3, 3)
-    for row in range(1, BLOCK):
-        rows[:, row] = rows[:, row - 1] @ rows[:, row]
-    for block in range(1, len(rows)):
-        rows[block] = rows[block - 1, -1] @ rows[block]
-    return rows.reshape(-1, 3, 3)[:samples]
+    return np.stack([as_array(row) for row in matrix_rows(integrated(gyr, acc, rate)[0])], axis=1)
 
 
 def standing_instants(restless: np.ndarray, rate: float) -> np.ndarray:
@@ -267,7 +254,7 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     accelerated = held_mean(np.linalg.norm(acc, axis=1) - GRAVITY, calm)
     restless = np.hypot(unrest(gyr, acc, rate), accelerated / JOLT)
     at = standing_instants(restless, rate)
-    turns = attitudes(gyr, rate)
+    turns = attitudes(gyr, acc, rate)
     force, spin = (np.einsum("tij,tj->ti", turns, values) for values in (acc, gyr))
     edges = np.unique(np.concatenate([[0], at, [samples - 1]]))
     quiet = held_mean(force, calm)
@@ -311,7 +298,7 @@ def of_trunk(imu: Imu, rate: float) -> Evidence:
     count, hz = len(imu.time) // every, rate / every
     gyr, acc = (as_float(v)[: count * every].reshape(count, every, 3).mean(axis=1) for v in (imu.gyr, imu.acc))
     grid, half = np.arange(0, count, max(1, round(GRID_S * hz))), round(0.5 * WINDOW_S * hz)
-    poses = attitudes(gyr, hz)
+    poses = attitudes(gyr, acc, hz)
     slow = held_mean(acc, window_size(0.8, hz))
     slow = slow / np.linalg.norm(slow, axis=1, keepdims=True)
     rows = np.clip(grid[:, None] + np.arange(-half, half + 1), 0, count - 1)
