@@ -137,6 +137,7 @@ class Case(NamedTuple):
     what: str
     right: bool  #: every sensor is in its place, and every axis points the right way.
     noted: bool  #: a note says that a place or an axis is not sure.
+    left_out: bool  #: sensors are not combined with others, for they rather have changed places than not.
 
 
 def cases(worn: Worn, four: bool, rng: np.random.Generator) -> Iterator[Case]:
@@ -166,7 +167,7 @@ def cases(worn: Worn, four: bool, rng: np.random.Generator) -> Iterator[Case]:
             wave, true = where.right[name] * cycle.turning[label].waves[0], truth[name][0]
             right &= bool((wave[1] * np.conj(wave[0]) ** 2 * np.conj(true[1] * np.conj(true[0]) ** 2)).real > 0.0)
         unsure = [note for name in where.worn for note in where.unsure(name)]
-        yield Case(what, right, bool(where.doubtful or unsure))
+        yield Case(what, right, bool(where.unsure_of or unsure), bool(where.doubtful))
 
 
 def _other(name: str) -> str:
@@ -215,7 +216,10 @@ def rows(quick: bool) -> list[Row]:
         return []
     share = 100.0 * float(np.mean([case.right or case.noted for case in everything]))
     right = 100.0 * float(np.mean([case.right for case in everything]))
-    doubted = 100.0 * float(np.mean([case.right and case.noted for case in everything]))
+    doubted, left_out = (
+        100.0 * float(np.mean([case.right and each for case, each in zip(everything, flags, strict=True)]))
+        for flags in ([case.noted for case in everything], [case.left_out for case in everything])
+    )
     n, line = len(everything), "legs, sensors turned or exchanged"
     guess = 100.0 / math.factorial(len(FOUR)) / 2 ** len(FOUR)
     return [
@@ -223,7 +227,10 @@ def rows(quick: bool) -> list[Row]:
         Row("leg_sensor_mended_pct", right, "%", n=n, split="left out").on(f"{line}: mended", "", "cases"),
         Row("leg_sensor_mended_pct_guess", guess, "%", n=n, split="guess").on(f"{line}: mended", "by chance", "cases"),
         Row("leg_sensor_doubted_pct", doubted, "%", n=n, split="left out").on(
-            f"{line}: right, and in doubt", "", "cases"
+            f"{line}: right, with a note", "", "cases"
+        ),
+        Row("leg_sensor_left_out_pct", left_out, "%", n=n, split="left out").on(
+            f"{line}: right, and not combined", "", "cases"
         ),
     ]
 

@@ -92,7 +92,12 @@ def verdict(flags: Iterable[Flag]) -> str:
 
 
 def _within(line: str) -> str:
-    """A sentence as a part of another: its first clauses, without its capital letter unless it begins with a name."""
+    """A sentence as a part of another: its first clauses, without its capital letter unless it begins with a name; more
+    than `REASONS` sensors at its begin are counted.
+    """
+    sensors, colon, fact = line.partition(": ")
+    if colon and (many := sensors.count(", ") + 1) > REASONS:
+        line = f"{many} sensors: {fact}"
     if len(line) > LONGEST_REASON:
         ends = [line.rfind(mark, 0, LONGEST_REASON) for mark in (": ", ", ", "; ", " (")]
         line = line[: max(ends)] if max(ends) > LONGEST_REASON // 3 else printable(line, LONGEST_REASON)

@@ -306,6 +306,8 @@ def test_notes_are_explained_each_by_its_meaning():
         ([("check", f"Doubt {number}", "") for number in range(5)],
          "Usable with care: doubt 0; doubt 1; doubt 2; 2 more."),
         ([("check", "A doubt", ""), ("stop", "Nobody walks", "")], "Do not use: nobody walks."),
+        ([("check", "Pelvis, thigh_right, shank_right, foot_right: samples missing: 3 of 100", "")],
+         "Usable with care: 4 sensors: samples missing: 3 of 100."),
         ([("stop", "A knee bends", "", "joint angles"), ("check", "A doubt", "")],
          "Do not use the joint angles: a knee bends."),
         ([("stop", "A knee bends", "", "joint angles"), ("stop", "Nobody walks", "")],
