@@ -26,7 +26,7 @@ hidden."""
 STRIDE_TIMES, USUAL_STRIDE_TIME = (0.6, 4.0), 1.1
 """[s] Limits of the stride time in the search, and the stride time that is assumed if the search finds none."""
 
-MEASURED_SHARE, HELD_SHARE, STRIDES = 0.4, 0.7, 2.0
+MEASURED_SHARE, HELD_SHARE, STRIDES = 0.4, 0.5, 2.0
 """[1] Least share of measured samples in a window whose harmonics count, and least part of the legs' power that they
 hold in it: they hold little where the stride time is another, as in a slower part. [strides] Duration of a window."""
 

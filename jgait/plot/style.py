@@ -29,7 +29,7 @@ type Seconds = tuple[float, float] | None
 
 DEGREES = 180.0 / np.pi
 RED, BLUE = "#c0392b", "#6fb1e0"
-DASHED, DOTTED = (0, (4, 2)), (0, (1, 1.2))
+DASHED = (0, (4, 2))
 
 ESTIMATE: Style = {"color": RED, "linewidth": 1.4}
 REFERENCE: Style = {"color": "black", "linewidth": 1.2, "linestyle": DASHED}
