@@ -23,12 +23,14 @@ TURNING_RATE = 0.6
 """[rad/s] Threshold on the low-passed rate about the vertical; above it the person turns, and the sagittal axis is
 hidden."""
 
-STRIDE_TIMES, USUAL_STRIDE_TIME = (0.6, 4.0), 1.1
-"""[s] Limits of the stride time in the search, and the stride time that is assumed if the search finds none."""
+STRIDE_TIMES, USUAL_STRIDE_TIME, LEAST_PAIRS = (0.6, 4.0), 1.1, 0.1
+"""[s] Limits of the stride time in the search, and the stride time that is assumed if the search finds none. [1] Share
+of pairs of samples that were measured, below which a lag is not judged."""
 
-MEASURED_SHARE, HELD_SHARE, STRIDES = 0.4, 0.5, 2.0
+MEASURED_SHARE, HELD_SHARE, STRIDES, RIDGE = 0.4, 0.5, 2.0, 0.01
 """[1] Least share of measured samples in a window whose harmonics count, and least part of the legs' power that they
-hold in it: they hold little where the stride time is another, as in a slower part. [strides] Duration of a window."""
+hold in it: they hold little where the stride time is another, as in a slower part. [strides] Duration of a window.
+[1] Weight of no harmonics at all, in samples: where a gyroscope sleeps, those that no sample shows are zero."""
 
 SEGMENTS = ("thigh", "shank", "foot")
 """Segments of a leg."""
@@ -66,17 +68,27 @@ def smooth(values: np.ndarray, seconds: float, sampling_rate_hz: float) -> np.nd
     return np.convolve(padded, kernel, mode="valid")
 
 
-def stride_time(rates: Sequence[np.ndarray], sampling_rate_hz: float) -> float:
+def stride_time(
+    rates: Sequence[np.ndarray], sampling_rate_hz: float, masks: Sequence[np.ndarray] | None = None
+) -> float:
     """Stride time [s] from sagittal rates of legs, (T,) each [rad/s]: the first lag at which the rates repeat.
 
     That is the first maximum of the sum of their autocorrelations within `STRIDE_TIMES` of at least 0.7 of the highest;
-    `USUAL_STRIDE_TIME` if there is none.
+    `USUAL_STRIDE_TIME` if there is none. `masks` tell the samples (T,) of each that were measured: all by default.
     """
     first, last = (round(limit * sampling_rate_hz) for limit in STRIDE_TIMES)
     size = len(rates[0])
-    spectra = [np.abs(np.fft.rfft(rate - rate.mean(), 2 * size)) ** 2 for rate in rates]
-    total = np.sum([spectrum / max(float(spectrum.sum()), 1e-12) for spectrum in spectra], axis=0)
-    again = np.fft.irfft(total, 2 * size)[first : min(last, size)]
+    lags = slice(first, min(last, size))
+    again = np.zeros(max(0, lags.stop - lags.start))
+    for rate, mask in zip(rates, masks or [np.ones(size, bool)] * len(rates), strict=True):
+        together, pairs = (
+            np.fft.irfft(np.abs(np.fft.rfft(values, 2 * size)) ** 2, 2 * size)
+            for values in (np.where(mask, rate - rate[mask].mean() if mask.any() else 0.0, 0.0), mask.astype(float))
+        )
+        whole = size - np.arange(size)[lags]
+        share = pairs[lags] / whole
+        found = np.where(share > LEAST_PAIRS, together[lags] / np.maximum(share, LEAST_PAIRS), 0.0)
+        again += found / max(float(together[0]) / max(mask.mean(), 1e-9), 1e-12)
     if again.size < 3:
         return USUAL_STRIDE_TIME
     top = np.flatnonzero((again[1:-1] > again[:-2]) & (again[1:-1] >= again[2:])) + 1
@@ -147,7 +159,9 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
     if not any(name in axes_of for name in legs):
         return None
     legs = [name for name in legs if name in axes_of]
-    last = stride_time([np.where(walks & np.asarray(sensors[n].mask, bool), rates[n][:, 0], 0.0) for n in legs], hz)
+    last = stride_time(
+        [np.where(walks, rates[n][:, 0], 0.0) for n in legs], hz, [np.asarray(sensors[n].mask, bool) for n in legs]
+    )
     long, step = round(STRIDES * last * hz), max(1, round(last * hz))
     windows = [
         slice(at, at + long) for at in range(0, time.size - long + 1, step) if walks[at : at + long].mean() > 0.9
@@ -216,7 +230,7 @@ def _harmonics(rate: np.ndarray, mask: np.ndarray, windows: list[slice], last: f
         if kept.mean() < MEASURED_SHARE:
             continue
         rows = design[kept]
-        normal = rows.T @ rows + 1e-5 * len(rows) * np.eye(design.shape[1])
+        normal = rows.T @ rows + RIDGE * len(rows) * np.eye(design.shape[1])
         fit = np.linalg.solve(normal, rows.T @ rate[window][kept])
         every[number, 0] = fit[0]
         every[number, 1:] = fit[1 : HARMONICS + 1] - 1j * fit[HARMONICS + 1 :]

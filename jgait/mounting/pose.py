@@ -21,7 +21,7 @@ WALKING_POSE = np.array([9.0, 25.0]) * DEGREE
 """[rad] Usual mean over strides of the hip's angle from the vertical, and of the knee's flexion: 8.5 and 18.6° from
 standing on `walking5m`, 5 and 22° on `neura_sparse` (Vicon), 11 and 30° in simulated people."""
 
-WALKING_SD, WALKING_CORRELATION = np.array([4.0, 6.0]) * DEGREE, 0.6
+WALKING_SD, WALKING_CORRELATION = (4.0 * DEGREE, 6.0 * DEGREE), 0.6
 """[rad], [1] Standard deviations between people and sets, and correlation, of these means."""
 
 UNUSUAL, WALK_TIMES, STAND_TIMES = 0.1, 3.0, 4.0

@@ -136,6 +136,6 @@ def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
     if shank not in recording.sensors:
         raise RecordingError(f"a sensor on {shank} is needed; the recording has {', '.join(recording.sensors)}")
     places = places_in(recording.sensors)
-    if places is None or not places.moved:
+    if places is None or shank not in places.moved:
         return shank, None
     return places.worn.get(shank, shank), places.notes()[0]

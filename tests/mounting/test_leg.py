@@ -124,7 +124,7 @@ def test_without_walking_the_pose_is_that_of_standing_and_without_standing_that_
     pose = Pose(np.array([0.2, 0.5]), np.ones(()), np.zeros(()))
     (hip, knee), (hips, both, knees) = posterior(pose, STANDING, SD)
     wide = 1.0 + UNUSUAL * (WALK_TIMES**2 - 1.0)
-    expected = [*WALKING_SD**2 * wide, WALKING_CORRELATION * WALKING_SD.prod() * wide]
+    expected = [*np.square(WALKING_SD) * wide, WALKING_CORRELATION * np.prod(WALKING_SD) * wide]
     np.testing.assert_allclose([hip, knee, hips, knees, both], [0.2, 0.5, *expected], rtol=1e-12)
 
 
