@@ -176,7 +176,9 @@ def rows(quick: bool) -> list[Row]:
         ):
             row = Row(f"not_walking_{metric}_pct_{name}", value, "%", n=len(of), split=split)
             found.append(row.on(line, part, "recordings", simulated=True))
-    return found + public(quick)
+    share = 100.0 * sum(each.inside for each in outcomes) / max(1, sum(each.inside + each.walked for each in outcomes))
+    total = Row("not_walking_strides_pct", share, "%", n=len(outcomes), split="other seeds, all ten movements")
+    return [*found, total, *public(quick)]
 
 
 def public(quick: bool) -> list[Row]:

@@ -1,0 +1,4 @@
+"""Which rules earn their place: lines that no recording enters, and constants that no result depends on."""
+
+PARTS = ("lines",)
+"""What no recording needs."""
