@@ -43,26 +43,27 @@ def panel(quick: bool, every: int = 1) -> Iterator[tuple[str, Made]]:
 
 
 def _all(quick: bool) -> Iterator[tuple[str, Made]]:
-    for name in datasets.list_datasets():
-        if recordings.available(name):
-            for walk in datasets.load(name, list(datasets.names(name))[: 1 if quick else None]):
-                yield f"{name}, {walk.recording.name}", partial(_same, walk.recording)
-    for seed, (errors, rate, way) in enumerate(SIMULATED):
+    for seed, (errors, rate, way) in enumerate(SIMULATED[: 1 if quick else None]):
         for recording, _ in simulate.cohort(jax.random.key(700 + seed), 1 if quick else 5, way, errors, rate):
             yield f"simulated, {recording.name}", partial(_same, recording)
             for worn in WORN[:1] if quick else WORN:
                 if set(worn) <= set(recording.sensors):
                     sensors = {name: recording.sensors[name] for name in worn}
                     yield f"simulated, {', '.join(worn)}", partial(_same, recording._replace(sensors=sensors))
-    for case in movements.cases(1, movements.PLACES[:1] if quick else movements.PLACES):
+    if quick:
+        return
+    for name in filter(recordings.available, datasets.list_datasets()):
+        for walk in datasets.load(name, list(datasets.names(name))):
+            yield f"{name}, {walk.recording.name}", partial(_same, walk.recording)
+    for case in movements.cases(1, movements.PLACES):
         yield f"{case.kind}, {case.place}, {case.sensors}", partial(_same, case.recording)
-    for one in legs_zero.simulated(1 if quick else 4, 700):
+    for one in legs_zero.simulated(4, 700):
         for start in legs_zero.STARTS:
             yield f"{start}, {one.group}", partial(_same, legs_zero.begun(one, start)[0])
     ((recording, _),) = simulate.cohort(jax.random.key(710), 1, simulate.straight(12.0), MPU6000, 100.0)
     rows = rows_of(recording, tuple(recording.sensors))
-    for what, damage in list(DAMAGES.items())[: 3 if quick else None]:
-        for placement in DAMAGED[:1] if quick else DAMAGED:
+    for what, damage in DAMAGES.items():
+        for placement in DAMAGED:
             yield f"{what}, {placement}", partial(_damaged, rows, damage, placement, what)
 
 
