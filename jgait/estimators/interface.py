@@ -151,6 +151,8 @@ class Estimator[P, I](NamedTuple):
             that its gradient is zero by construction.
         likelihood: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning; pure, `options`
         static. None: the sum of the diagnostics `log_likelihood…`.
+        through: whether a path goes on through movements that are no walking: `prepare` gets the sensors as they are,
+            and leaves out the strides in `Recording.moves`. Otherwise it gets standing in their place.
     """
 
     name: str
@@ -164,6 +166,7 @@ class Estimator[P, I](NamedTuple):
     in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
     unused: tuple[str, ...] = ()
     likelihood: Callable[[P, I, PyTree], Values] | None = None
+    through: bool = False
 
     @property
     def transforms(self) -> P:
@@ -200,10 +203,11 @@ class Estimator[P, I](NamedTuple):
     def prepared(self, recording: Recording) -> Prepared[I]:
         """The result of `prepare` for the walking of a recording alone, with the notes and facts of the reader."""
         walking = walking_alone(recording)
-        made = self.prepare(walking.recording)
+        made = self.prepare(recording._replace(moves=walking.spans) if self.through else walking.recording)
         read = {name: facts for name, facts in recording.quality.items() if name in made.quality}
         notes = (*recording.notes, *walking.notes, *made.notes)
-        return made._replace(notes=notes, quality=merged(read, made.quality), moves=walking.spans)
+        moves = () if self.through else walking.spans
+        return made._replace(notes=notes, quality=merged(read, made.quality), moves=moves)
 
     def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The estimate of a prepared recording; as `estimate`."""

@@ -142,14 +142,15 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
     for name, imu in recording.sensors.items():
         check_shapes(imu, name)
     walking = walking_alone(recording)
-    recording = walking.recording
+    measured, recording = recording.sensors, walking.recording
     findings = crosscheck(recording)
     kept = {name: imu for name, imu in findings.sensors.items() if name not in findings.unusable}
     if not kept:
         reasons = "; ".join(str(note) for note in findings.notes)
         raise RecordingError(reasons or f"no estimator has its sensors; {sensors_of(recording)}")
     usable = recording._replace(sensors=kept, notes=tuple(writer.left_out(recording.quality)))
-    estimates, notes = sources(usable, body)
+    through = {name: measured[name] for name, imu in kept.items() if imu is recording.sensors[name]}
+    estimates, notes = sources(usable, body, through)
     strides_of_sources = [source.estimate.strides for source in estimates if source.estimate.strides is not None]
     mixed = {note for strides_of_source in strides_of_sources for note in paces_mixed(strides_of_source)}
     usable, estimates, exchanges = put_right(usable, estimates)

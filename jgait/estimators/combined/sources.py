@@ -17,7 +17,7 @@ from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note, record
 from jgait.quality import SensorQuality, widened
-from jgait.types import SIDES, Estimate, Recording, RecordingError
+from jgait.types import SIDES, Estimate, Imu, Recording, RecordingError
 
 NOT_USED = Kind(
     "source_not_used", "check", "{source}: no estimate, because {reason}",
@@ -106,8 +106,12 @@ WAYS = (
 """All sources; if several measure a stride, its times come from the first."""
 
 
-def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[SourceEstimate], list[Note]]:
+def sources(
+    recording: Recording, person: Mapping[str, PyTree], measured: Mapping[str, Imu]
+) -> tuple[list[SourceEstimate], list[Note]]:
     """Every source that the sensors allow, and notes about measures from the height and sources without an estimate.
+
+    `measured` are sensors as they were, for a source whose path goes on through movements that are no walking.
 
     Raises:
         ValueError: a measure that no estimator takes, or outside its range.
@@ -135,7 +139,8 @@ def sources(recording: Recording, person: Mapping[str, PyTree]) -> tuple[list[So
         p = estimator.with_body(estimator.params, body)
         measures |= set(wanted if way.name != "ankles" else ())
         try:
-            result = estimator.estimate(p, recording)
+            sensors = {**recording.sensors, **measured} if estimator.through else recording.sensors
+            result = estimator.estimate(p, recording._replace(sensors=sensors))
         except RecordingError as error:
             reasons.append(f"{way.name}: {error}")
             notes.append(NOT_USED(source=way.name, reason=str(error)))

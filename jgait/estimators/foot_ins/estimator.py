@@ -215,7 +215,7 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
     used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
         "foot_ins", start, partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
-        unused=tuple(name for name, of_use in used.items() if not of_use), likelihood=likelihood,
+        unused=tuple(name for name, of_use in used.items() if not of_use), likelihood=likelihood, through=True,
     )  # fmt: skip
 
 

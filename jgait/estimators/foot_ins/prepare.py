@@ -24,6 +24,7 @@ from jgait.estimators.notes import (
     STRIDES_MISSING,
     STRIDES_UNCERTAIN,
 )
+from jgait.estimators.walking import Span
 from jgait.events import foot as events
 from jgait.events.rest import Rest, rest
 from jgait.geometry.rotation import level
@@ -103,7 +104,7 @@ def prepare(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[Fo
     quality: dict[str, SensorQuality] = {}
     standing = None
     for side, name in zip(sides, (f"foot_{side}" for side in sides), strict=True):
-        feet[side], quality[name], foot_notes, rests = _foot(recording.sensors[name], time, name)
+        feet[side], quality[name], foot_notes, rests = _foot(recording.sensors[name], time, name, recording.moves or ())
         notes += foot_notes
         standing = rests if standing is None else standing
     inputs = FootInputs(time, feet["right"], feet["left"])
@@ -124,9 +125,12 @@ def _mean_over_interval(values: np.ndarray) -> np.ndarray:
 
 
 def _foot(
-    imu: Imu, time: np.ndarray, name: str
+    imu: Imu, time: np.ndarray, name: str, moves: tuple[Span, ...]
 ) -> tuple[FootSignals, SensorQuality, list[Note], tuple[int, int] | None]:
-    """Inputs of one foot, facts and notes about its sensor, and the longest rest as a half-open range of samples."""
+    """Inputs of one foot, facts and notes about its sensor, and the longest rest as a half-open range of samples.
+
+    Footholds between which the person moves without walking give no stride.
+    """
     notes: list[Note] = []
     mask = np.asarray(imu.mask, bool)
     gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
@@ -170,6 +174,9 @@ def _foot(
         force_off=off, rates_factor=factor, rates_off=bool(off_rates), gyr_clipped=int(turned.sum()),
         acc_clipped=int(clips.sum()), lost=int(lost.sum()), strides_missing=int(np.sum(~whole)),
     )  # fmt: skip
+    lands = time[np.append(stances.start[1:], len(time) - 1)]
+    for begin, end in moves:
+        whole &= (lands < begin) | (time[stances.end - 1] > end)
     if quality.lost:
         notes.append(STRIDES_UNCERTAIN(samples=quality.lost, placement=name, longest_s=longest_loss(lost, time)))
     if quality.strides_missing:

@@ -279,17 +279,18 @@ def _not_known(foot: FootTrack, time: np.ndarray) -> np.ndarray:
 
 
 def _double_supports(pair: Pair) -> np.ndarray:
-    """Times of double support [s]: between stances of different feet, when the faster foot is slowest."""
+    """Times of double support [s]: between stances of different feet, when the faster is slowest; none in gaps."""
     mids = np.concatenate([foot.mids for foot in pair])
     side = np.repeat([0, 1], [len(foot.mids) for foot in pair])
     order = np.argsort(mids, kind="stable")
     mids, side = mids[order], side[order]
     time = pair[0].time
-    speed = np.maximum(*(foot.speed() for foot in pair))
+    gaps = [gap for foot in pair for gap in foot.gaps]
+    speed = np.where(_inside(time, gaps), np.inf, np.maximum(*(foot.speed() for foot in pair)))
     supports = []
     for k in np.flatnonzero(np.diff(side) != 0):
         first, last = np.searchsorted(time, [mids[k], mids[k + 1]])
-        if last - first > 2:
+        if last - first > 2 and np.isfinite(speed[first + 1 : last]).any():
             supports.append(time[first + 1 + int(np.argmin(speed[first + 1 : last]))])
     return np.array(supports)
 
