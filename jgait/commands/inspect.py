@@ -50,7 +50,8 @@ def inspect(
         show(recording, file.name)
         out.mkdir(parents=True, exist_ok=True)
         made.append(plot.save(plot.signals(recording, title=file.name), out / f"{file.stem}_signals.png"))
-    wrote(made)
+    if made:
+        wrote(made)
     say_failures(failures)
     if failures:
         raise typer.Exit(1 if made else 2)

@@ -202,4 +202,4 @@ def write(
     made = outcome.made | {"elsewhere": [row._asdict() for row in others]}
     file = io.write_preset(name, params, estimator=pipeline.name, stderr=outcome.spreads, made=made)
     wrote([file])
-    console.print(f"any command takes it by --params preset:{name}", highlight=False)
+    console.print(f"commands take it by --estimator {pipeline.name} --params preset:{name}", highlight=False)

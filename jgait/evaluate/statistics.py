@@ -24,6 +24,9 @@ AGREEMENT = (
 """Columns of the table of `agreement`."""
 
 
+ROUNDING = 1e-6
+"""[1] Share of a reference's size below which its values are all the same."""
+
 RESAMPLES = 2000
 """Number of resamples of an interval over subjects."""
 
@@ -158,7 +161,7 @@ def _agreement(pairs: np.ndarray, codes: np.ndarray, *, seed: int, resamples: in
         return row
     size = np.abs(error)
     row |= {"bias": error.mean(), "rmse": np.sqrt(np.mean(error**2)), "mae": size.mean(), "max_abs": size.max()}
-    varies = np.ptp(pairs[:, 1]) > 0.0
+    varies = np.ptp(pairs[:, 1]) > ROUNDING * np.abs(pairs[:, 1]).max()
     if n > 1 and varies:
         row |= {"icc": icc21(pairs).value}
     if count < 2:

@@ -47,14 +47,11 @@ def motion(
     return _seen(p, inputs, _attitude(p, inputs, smooth, method).mean)
 
 
-def motion_and_misfit(p: WaistParams, inputs: WaistInputs) -> tuple[TrunkMotion, Values]:
-    """Motion of the trunk by the filter alone, and the sum of the normalised squared innovations of the accelerometer's
-    readings. The smoothed states are not used, but so the program is that of `motion`.
-
-    A gyroscope with the wrong sign increases it: the leans from accelerometer and gyroscope then have opposite signs.
+def filtered_motion(p: WaistParams, inputs: WaistInputs) -> TrunkMotion:
+    """Motion of the trunk by the filter alone. The smoothed states are not used, but so the program is that of
+    `motion`.
     """
-    filtered = _attitude(p, inputs, True, filtering.EKF()).filtered
-    return _seen(p, inputs, filtered.mean), xp.sum(filtered.nis)
+    return _seen(p, inputs, _attitude(p, inputs, True, filtering.EKF()).filtered.mean)
 
 
 def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion:

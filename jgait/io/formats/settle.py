@@ -111,7 +111,9 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
                 argument="placements",
             )
         if part.label != where:
-            notes.append(DEDUCED.note(f"the sensor {part.label!r} is taken to have sat at {where}"))
+            given = AS_READ.note(f"the sensor {part.label!r} sat at {where}, as it was stated")
+            found = DEDUCED.note(f"the sensor {part.label!r} is taken to have sat at {where}")
+            notes.append(given if part.label in chosen else found)
         placed[where] = part
     if not placed:
         raise RecordingError(
