@@ -47,7 +47,7 @@ def level(rise: Values, length: Values, stddev: Values, valid: Flags) -> Flags:
 
     Strides that are not `valid` do not count; the ground below them is taken as level.
     """
-    grades, usual = (xp.asarray(values, length.dtype) for values in (GRADES, USUAL))
+    grades = xp.asarray(GRADES, length.dtype)
     rise, length, stddev = (values[:, None] for values in (rise, length, stddev))
     ideal = grades[None, :] * length
     off = rise - ideal
@@ -58,6 +58,7 @@ def level(rise: Values, length: Values, stddev: Values, valid: Flags) -> Flags:
     )
     # ground of no grade, such as a fall, does not decide
     likelihood = likelihood + LEAST_LIKELIHOOD
+    usual = xp.asarray(USUAL, likelihood.dtype)
     before, after = _messages(likelihood, valid, usual), _messages(likelihood[::-1], valid[::-1], usual)[::-1]
     return (xp.argmax(likelihood * before * after / usual[None, :], axis=1) == 0) | ~valid
 
