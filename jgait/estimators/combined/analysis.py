@@ -3,7 +3,7 @@
 import importlib
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import numpy as np
@@ -108,7 +108,9 @@ class Analysis(NamedTuple):
         return str(self.to_dataframe("summary").to_html(index=False, na_rep="–", float_format="{:.4g}".format))
 
 
-def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, PyTree] | None = None) -> Analysis:
+def analyse(
+    recording: Recording | str | os.PathLike[str], person: Mapping[str, PyTree] | None = None, **reading: Any
+) -> Analysis:
     """Everything that the sensors of a recording allow: every estimator that has its sensors, joined and cross-checked.
 
     Where several groups of sensors measure the same stride, their lengths are combined by their variances if they are
@@ -128,13 +130,17 @@ def analyse(recording: Recording | str | os.PathLike[str], person: Mapping[str, 
             "lever_shank", heights of sensors over the ankle; "pivot_height", of a shoe's sensor over the point about
             which the foot turns on the ground; "range_offset" of the distance between the feet; "pendulum_constant" of
             the waist [1], such as a tuned one. Values are numbers or (right, left).
+        **reading: arguments of `jgait.io.read` for the file of a path, such as `placement="waist"`.
 
     Raises:
+        TypeError: arguments of a file for a recording that is read already.
         RecordingError: if no estimator has its sensors, or none can use them, or arrays of a sensor differ in length.
         ValueError: a measure of the person that is unknown or outside its range.
     """
     if isinstance(recording, str | os.PathLike):
-        return analyse(importlib.import_module("jgait.io").read(recording), person)
+        return analyse(importlib.import_module("jgait.io").read(recording, **reading), person)
+    if reading:
+        raise TypeError(f"a recording is read already: {', '.join(reading)} is of the path of a file")
     check_recording(recording)
     if not isinstance(person, Mapping | None):
         raise TypeError(f"person must be a dictionary of measures, such as {{'height': 1.75}}; got {person!r}")
