@@ -78,7 +78,7 @@ EstimatorName = Annotated[
 ]
 OneEstimator = Annotated[
     str | None,
-    typer.Option("--estimator", "--method", help=f"One method alone: {', '.join(estimators.names())}; default all."),
+    typer.Option("--estimator", "--method", help=f"One method alone: {', '.join(estimators.names())}."),
 ]
 Paper = Annotated[bool, typer.Option("--paper", help="The paper's pipeline instead of the default one.")]
 Params = Annotated[

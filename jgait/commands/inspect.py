@@ -7,15 +7,13 @@ import numpy as np
 import typer
 
 from jgait import plot
-from jgait.commands import options, recordings
+from jgait.commands import recordings
 from jgait.commands.console import console, say_failures, table_of, visible, wrote
 from jgait.events.rest import rest
 from jgait.notes import gravest_first, grouped, without_repeats
 from jgait.report.page import GRADES, significant
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, as_float, reason_of
-
-EPILOG = options.epilog()
 
 
 def inspect(
@@ -31,8 +29,8 @@ def inspect(
 ) -> None:
     """Show what is understood of files: sensors, places, units, rate, losses and rest, and a figure of the signals.
 
-    Nothing is estimated. Gravity at rest near 9.8 m/s² and rates of 100 to 800 deg/s say that the units are right. The
-    options are those of jgait estimate. Exit code 0: all files could be read; 1: some could not; 2: none.
+    Nothing is estimated. Gravity at rest near 9.8 m/s² and rates of 100 to 800 deg/s say that the units are right.
+    Files are read as by jgait estimate. Exit code 0: all files could be read; 1: some could not; 2: none.
     """
     placement, placements = recordings.places_of(place)
     how: dict[str, Any] = {

@@ -45,9 +45,10 @@ def explained(notes: Iterable[Note]) -> list[Flag]:
 
 
 def sentence(note: Note) -> str:
-    """The text without folders and with a capital letter, unless it begins with the name of a file or a column."""
+    """The text without folders and with a capital letter, unless it begins with a name of a file, column or sensor."""
     text, file = without_folders(note.text), str(note.values.get("file", ""))
-    named = "_" in text.partition(" ")[0] or (file and note.text.startswith(file))
+    first = text.partition(" ")[0]
+    named = "_" in first or first.endswith(":") or (file and note.text.startswith(file))
     return text if named else text[:1].upper() + text[1:]
 
 
