@@ -87,8 +87,8 @@ def stride_time(
         )
         whole = size - np.arange(size)[lags]
         share = pairs[lags] / whole
-        found = np.where(share > LEAST_PAIRS, together[lags] / np.maximum(share, LEAST_PAIRS), 0.0)
-        again += found / max(float(together[0]) / max(mask.mean(), 1e-9), 1e-12)
+        alike = np.where(share > LEAST_PAIRS, together[lags] / np.maximum(share, LEAST_PAIRS), 0.0)
+        again += alike / max(float(together[0]) / max(mask.mean(), 1e-9), 1e-12)
     if again.size < 3:
         return USUAL_STRIDE_TIME
     top = np.flatnonzero((again[1:-1] > again[:-2]) & (again[1:-1] >= again[2:])) + 1

@@ -112,8 +112,8 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
             )
         if part.label != where:
             given = AS_READ.note(f"the sensor {part.label!r} sat at {where}, as it was stated")
-            found = DEDUCED.note(f"the sensor {part.label!r} is taken to have sat at {where}")
-            notes.append(given if part.label in chosen else found)
+            deduced = DEDUCED.note(f"the sensor {part.label!r} is taken to have sat at {where}")
+            notes.append(given if part.label in chosen else deduced)
         placed[where] = part
     if not placed:
         raise RecordingError(
