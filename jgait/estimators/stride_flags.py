@@ -246,7 +246,7 @@ CLIPPED = StrideFlag(
 )  # fmt: skip
 HALF = StrideFlag(
     "half", "half-step", "half-step",
-    "Steps from or to standing are about half a stride long; they are not in the means.",
+    "Strides from standing, which no initial contact begins, and short ones from or to standing; not in the means.",
     _half, EVERY, "info",
 )  # fmt: skip
 UNEVEN_DURATION = StrideFlag(
