@@ -99,8 +99,8 @@ class Recording(NamedTuple):
         feet_range: distance from the inner side of the left ankle to the right leg, or None.
         quality: placement → facts about its sensor that the reader computed, a `jgait.quality.SensorQuality`; also of
             sensors that the reader left out.
-        moves: stretches in which the person moves without walking (begin, end) [s]; the sensors have standing there.
-            None: not judged, the sensors are as read.
+        moves: stretches in which the person moves without walking (begin, end) [s]. The sensors have standing
+            there, but for those of an estimator whose path goes on. None: not judged, the sensors are as read.
     """
 
     sensors: dict[str, Imu]

@@ -63,6 +63,12 @@ def lines_of(path: Path) -> set[int]:
     return found
 
 
+def files(folders: tuple[str, ...]) -> list[Path]:
+    """The files of folders, and files, of jgait."""
+    home = Path(jgait.__file__).parent
+    return [p for f in folders for p in ([home / f] if f.endswith(".py") else sorted((home / f).rglob("*.py")))]
+
+
 def rows(quick: bool) -> list[Row]:
     """Analyse every recording, and print the lines that none entered."""
     home = Path(jgait.__file__).parent
@@ -75,13 +81,12 @@ def rows(quick: bool) -> list[Row]:
             except RecordingError as error:
                 print(f"{name}: {' '.join(str(error).split())[:100]}")
     total = missed = 0
-    for folder in FOLDERS:
-        for path in [home / folder] if folder.endswith(".py") else sorted((home / folder).rglob("*.py")):
-            every = lines_of(path)
-            never = sorted(every - {number for file, number in found if file == str(path)})
-            total, missed = total + len(every), missed + len(never)
-            if never:
-                print(f"{path.relative_to(home)}: {len(never)} of {len(every)}: {', '.join(map(str, never))}")
+    for path in files(FOLDERS):
+        every = lines_of(path)
+        never = sorted(every - {number for file, number in found if file == str(path)})
+        total, missed = total + len(every), missed + len(never)
+        if never:
+            print(f"{path.relative_to(home)}: {len(never)} of {len(every)}: {', '.join(map(str, never))}")
     row = Row("never_entered_pct", 100.0 * missed / max(total, 1), "%", n=count, of="recordings")
     show("lines that no recording enters", ["metric", "%", "recordings"], [[row.metric, row.value, row.n]])
     return [row]

@@ -9,16 +9,11 @@ import numpy as np
 from experiments.common import recordings
 from experiments.common.sets import datasets
 from experiments.damage.harm import DAMAGES, Damage, Rows, read, rows_of
+from experiments.damage.undamaged import SIMULATED
 from experiments.unseen2 import legs_zero, movements
 from jgait import simulate
-from jgait.simulate.sensors import IDG300, MPU6000, OPAL
+from jgait.simulate.sensors import MPU6000
 from jgait.types import Recording
-
-SIMULATED = (
-    (MPU6000, 100.0, simulate.straight(12.0)), (OPAL, 128.0, simulate.u_turn(6.0)),
-    (IDG300, 50.0, simulate.circle(2.0)),
-)  # fmt: skip
-"""Sensors, sampling rate [Hz] and route of simulated walks."""
 
 WORN = (
     ("pelvis",), ("foot_right",), ("ankle_left",), ("shank_right",), ("thigh_left", "shank_left"),
@@ -43,7 +38,7 @@ def panel(quick: bool, every: int = 1) -> Iterator[tuple[str, Made]]:
 
 
 def _all(quick: bool) -> Iterator[tuple[str, Made]]:
-    for seed, (errors, rate, way) in enumerate(SIMULATED[: 1 if quick else None]):
+    for seed, (errors, rate, way) in enumerate(list(SIMULATED.values())[: 1 if quick else None]):
         for recording, _ in simulate.cohort(jax.random.key(700 + seed), 1 if quick else 5, way, errors, rate):
             yield f"simulated, {recording.name}", partial(_same, recording)
             for worn in WORN[:1] if quick else WORN:

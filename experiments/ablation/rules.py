@@ -10,13 +10,14 @@ import inspect
 import sys
 import types
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import jgait
-from experiments.ablation.lines import FOLDERS, entered
+from experiments.ablation.lines import FOLDERS, entered, files
 from experiments.ablation.panel import Made, panel
 from experiments.common.row import Row, show
 from jgait.types import RecordingError
@@ -166,59 +167,50 @@ def functions(module: types.ModuleType) -> Iterator[Any]:
             yield value
 
 
+@contextmanager
 def tried(change: Change, factor: float) -> Iterator[bool]:
     """Makes a change, yields whether it could be made, and undoes it."""
     module = module_of(change.path)
     if change.source is not None:
         new = dict(codes(compile(change.source, str(change.path), "exec")))
-        held = []
-        for function in functions(module):
-            code = new.get(function.__qualname__)
-            if code is not None and code.co_freevars == function.__code__.co_freevars:
-                held.append((function, function.__code__))
+        held = [
+            (function, function.__code__) for function in functions(module)
+            if function.__qualname__ in new and new[function.__qualname__].co_freevars == function.__code__.co_freevars
+        ]  # fmt: skip
+        for function, _ in held:
+            function.__code__ = new[function.__qualname__]
+        try:
+            yield bool(held)
+        finally:
+            for function, code in held:
                 function.__code__ = code
-        yield bool(held)
-        for function, code in held:
-            function.__code__ = code
         return
     value = vars(module).get(change.name)
     new_value = scaled(value, factor)
     places = [m for m in list(sys.modules.values()) if getattr(m, "__name__", "").startswith("jgait")
-              and vars(m).get(change.name) is value]  # fmt: skip
-    for place in places if new_value is not None else []:
+              and new_value is not None and vars(m).get(change.name) is value]  # fmt: skip
+    for place in places:
         setattr(place, change.name, new_value)
-    yield new_value is not None
-    for place in places if new_value is not None else []:
-        setattr(place, change.name, value)
+    try:
+        yield bool(places)
+    finally:
+        for place in places:
+            setattr(place, change.name, value)
 
 
 def effect(change: Change, runs: list[tuple[Made, Outcome]]) -> str:
     """What a change moves: "numbers", "notes", "" for nothing, or "-" if it cannot be made."""
-    found = "-"
+    effects = set()
     for factor in MOVED if change.name else MOVED[:1]:
-        for possible in tried(change, factor):
-            if not possible:
-                continue
-            found = "" if found == "-" else found
-            for made, before in runs:
+        with tried(change, factor) as possible:
+            for made, before in runs if possible else []:
                 try:
-                    what = moved(before, outcome(made))
+                    effects.add(moved(before, outcome(made)))
                 except Exception:  # the code does not run without the branch
-                    what = "numbers"
-                found = what if what == "numbers" else found or what
-                if found == "numbers":
-                    break
-        if found == "numbers":
-            break
-    return found
-
-
-def files(folders: tuple[str, ...] = FOLDERS) -> list[Path]:
-    """The files of what estimates, and is imported."""
-    home = Path(jgait.__file__).parent
-    every = [p for f in folders for p in ([home / f] if f.endswith(".py") else sorted((home / f).rglob("*.py")))]
-    there = {getattr(m, "__file__", None) for m in list(sys.modules.values())}
-    return [path for path in every if str(path) in there]
+                    effects.add("numbers")
+                if "numbers" in effects:
+                    return "numbers"
+    return max(effects, default="-")
 
 
 def rows(quick: bool, folders: tuple[str, ...] = FOLDERS) -> list[Row]:
@@ -234,7 +226,8 @@ def rows(quick: bool, folders: tuple[str, ...] = FOLDERS) -> list[Row]:
     print(f"{len(runs)} recordings", flush=True)
     counted: dict[str, list[str]] = {"branches": [], "constants": []}
     order = np.random.default_rng(0).permutation(len(runs))
-    for path in files(folders):
+    there = {getattr(module, "__file__", None) for module in list(sys.modules.values())}
+    for path in (path for path in files(folders) if str(path) in there):
         for kind, changes in (("branches", branches(path)), ("constants", constants(path))):
             for change in changes:
                 where = {(str(path), line) for line in change.lines}

@@ -107,7 +107,7 @@ def learnable(
         if clear[k] >= AGREED and apart and len(chosen) < len(scores) // PEOPLE_EACH:
             chosen.append(int(k))
     if not chosen:
-        few = f"{PEOPLE_EACH} people, or days of one person, are needed for each number, not {len(scores)}"
+        few = f"each learned number needs {PEOPLE_EACH} people, or days of one person; here: {len(scores)}"
         disagree = f"these recordings do not agree on the direction of any of {len(free)} parameters"
         stop(f"no preset is written: {few if len(scores) < PEOPLE_EACH else disagree}")
     return [free[k] for k in chosen]

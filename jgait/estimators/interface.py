@@ -203,7 +203,8 @@ class Estimator[P, I](NamedTuple):
     def prepared(self, recording: Recording) -> Prepared[I]:
         """The result of `prepare` for the walking of a recording alone, with the notes and facts of the reader."""
         walking = walking_alone(recording)
-        made = self.prepare(recording._replace(moves=walking.spans) if self.through else walking.recording)
+        sensors = recording.sensors if self.through else walking.recording.sensors
+        made = self.prepare(walking.recording._replace(sensors=sensors))
         read = {name: facts for name, facts in recording.quality.items() if name in made.quality}
         notes = (*recording.notes, *walking.notes, *made.notes)
         moves = () if self.through else walking.spans

@@ -30,7 +30,8 @@ of pairs of samples that were measured, below which a lag is not judged."""
 MEASURED_SHARE, HELD_SHARE, STRIDES, RIDGE = 0.4, 0.5, 2.0, 0.01
 """[1] Least share of measured samples in a window whose harmonics count, and least part of the legs' power that they
 hold in it: they hold little where the stride time is another, as in a slower part. [strides] Duration of a window.
-[1] Weight of no harmonics at all, in samples: where a gyroscope sleeps, those that no sample shows are zero."""
+[1] Weight of "no harmonics" beside the samples of a window: where a gyroscope sleeps, harmonics that no sample shows
+are zero."""
 
 SEGMENTS = ("thigh", "shank", "foot")
 """Segments of a leg."""
@@ -202,6 +203,11 @@ def _design(samples: int, last: float, hz: float) -> np.ndarray:
     return np.column_stack([np.ones(samples), np.cos(phases), np.sin(phases)])
 
 
+def _fit(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """(1 + 2 HARMONICS, …) constant and harmonics of values at rows of the design, see `RIDGE`."""
+    return np.asarray(np.linalg.solve(rows.T @ rows + RIDGE * len(rows) * np.eye(rows.shape[1]), rows.T @ values))
+
+
 def _repeating(legs: list[tuple[np.ndarray, np.ndarray]], windows: list[slice], last: float, hz: float) -> list[slice]:
     """The windows in which the harmonics hold `HELD_SHARE` of the power of the legs' rates (T,), each with its mask;
     all if there is none.
@@ -213,15 +219,15 @@ def _repeating(legs: list[tuple[np.ndarray, np.ndarray]], windows: list[slice], 
         for rate, mask in legs:
             rows, values = design[mask[window]], rate[window][mask[window]]
             if len(values) > 2 * design.shape[1]:
-                left += float(np.sum((values - rows @ np.linalg.lstsq(rows, values)[0]) ** 2))
+                left += float(np.sum((values - rows @ _fit(rows, values)) ** 2))
                 power += float(np.sum((values - values.mean()) ** 2))
         held.append(left <= (1.0 - HELD_SHARE) * power)
     return [window for window, whole in zip(windows, held, strict=True) if whole] or windows
 
 
 def _harmonics(rate: np.ndarray, mask: np.ndarray, windows: list[slice], last: float, hz: float) -> np.ndarray:
-    """(windows, 1 + HARMONICS, n) mean and harmonics of rates (T, n), by least squares over the measured samples; NaN
-    where too few are measured.
+    """(windows, 1 + HARMONICS, n) mean and harmonics of rates (T, n) over the measured samples; NaN where too few are
+    measured.
     """
     design = _design(windows[0].stop - windows[0].start, last, hz)
     every = np.full((len(windows), HARMONICS + 1, rate.shape[1]), np.nan + 0j)
@@ -229,9 +235,7 @@ def _harmonics(rate: np.ndarray, mask: np.ndarray, windows: list[slice], last: f
         kept = mask[window]
         if kept.mean() < MEASURED_SHARE:
             continue
-        rows = design[kept]
-        normal = rows.T @ rows + RIDGE * len(rows) * np.eye(design.shape[1])
-        fit = np.linalg.solve(normal, rows.T @ rate[window][kept])
+        fit = _fit(design[kept], rate[window][kept])
         every[number, 0] = fit[0]
         every[number, 1:] = fit[1 : HARMONICS + 1] - 1j * fit[HARMONICS + 1 :]
     return every

@@ -11,7 +11,7 @@ from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS, UNEVEN_DURA
 from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, printable, without_repeats
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.report.strides import ReportStrides, strides_of
-from jgait.types import Estimate
+from jgait.types import PLACEMENTS, Estimate
 
 MOSTLY = 0.95
 """Smallest share of samples with a result without a warning."""
@@ -48,7 +48,7 @@ def sentence(note: Note) -> str:
     """The text without folders and with a capital letter, unless it begins with a name of a file, column or sensor."""
     text, file = without_folders(note.text), str(note.values.get("file", ""))
     first = text.partition(" ")[0]
-    named = "_" in first or first.endswith(":") or (file and note.text.startswith(file))
+    named = "_" in first or first.removesuffix(":") in PLACEMENTS or (file and note.text.startswith(file))
     return text if named else text[:1].upper() + text[1:]
 
 
@@ -94,11 +94,11 @@ def verdict(flags: Iterable[Flag]) -> str:
 
 def _within(line: str) -> str:
     """A sentence as a part of another: its first clauses, without its capital letter unless it begins with a name; more
-    than `REASONS` sensors at its begin are counted.
+    than `REASONS` sensors at its beginning are counted.
     """
-    sensors, colon, fact = line.partition(": ")
-    if colon and (many := sensors.count(", ") + 1) > REASONS:
-        line = f"{many} sensors: {fact}"
+    named, _, fact = line.partition(": ")
+    if len(sensors := named.lower().split(", ")) > REASONS and set(sensors) <= set(PLACEMENTS):
+        line = f"{len(sensors)} sensors: {fact}"
     if len(line) > LONGEST_REASON:
         ends = [line.rfind(mark, 0, LONGEST_REASON) for mark in (": ", ", ", "; ", " (")]
         line = line[: max(ends)] if max(ends) > LONGEST_REASON // 3 else printable(line, LONGEST_REASON)

@@ -61,7 +61,7 @@ def test_columns_of_unknown_names_are_listed_or_placed(walk, tmp_path):
     assert "columns are named <placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x" in said
     assert "place sensors by --place 'Bein_re=shank_right'" in said
     code, said = run("estimate", walk, "--place", "Wade_re=shank_right", "--out", tmp_path / "results", "--notes")
-    assert code == 0 and "The sensor 'Wade_re' sat at shank_right, as it was stated" in said
+    assert code == 0 and "The sensor 'Wade_re' was stated to sit at shank_right" in said
 
 
 def test_a_file_that_may_not_be_read_is_named(walk, tmp_path):

@@ -11,7 +11,7 @@ waist's step frequency is chosen by the sway, too, which moved contacts by less 
 next to standing are integrated, and its integration is trusted more, which moved lengths by a few hundredths. Where a
 leg moves in the standing that calibrates, `leg_ekf` knows its gyroscopes' bias less well, which moved angles. A
 swing that an end of a recording cuts is no stance of a foot, which took away a stride of four parts of recordings.
-Where a gyroscope sleeps, the stride time follows from the samples that were measured, which turned knees round by 30°.
+Where a gyroscope sleeps, the stride time follows from the samples that were measured; before, a thigh was turned round.
 Deviations of strides, and of the distance along them, have the factor of `jgait.quality` since.
 """
 

@@ -91,6 +91,9 @@ def test_the_stride_time_is_that_of_the_legs(walk):
     gait, sensors, _ = walk
     rates = [np.asarray(sensors[name].gyr)[:, 1] for name in SIX[:4]]
     np.testing.assert_allclose(stride_time(rates, RATE), gait.stride_time, rtol=0.03)
+    awake = np.arange(len(rates[0])) / RATE % (1.5 * gait.stride_time) > 0.75 * gait.stride_time  # its own rhythm
+    asleep = [np.where(awake, rate, 0.0) for rate in rates]
+    np.testing.assert_allclose(stride_time(asleep, RATE, [awake] * len(rates)), gait.stride_time, rtol=0.03)
     assert stride_time([np.zeros(10)], RATE) == stride_time([np.zeros(400)], RATE) == USUAL_STRIDE_TIME
 
 

@@ -140,7 +140,7 @@ def analyse(
     if isinstance(recording, str | os.PathLike):
         return analyse(importlib.import_module("jgait.io").read(recording, **reading), person)
     if reading:
-        raise TypeError(f"a recording is read already: {', '.join(reading)} is of the path of a file")
+        raise TypeError(f"{', '.join(reading)}: only for the path of a file; this recording is read already")
     check_recording(recording)
     if not isinstance(person, Mapping | None):
         raise TypeError(f"person must be a dictionary of measures, such as {{'height': 1.75}}; got {person!r}")

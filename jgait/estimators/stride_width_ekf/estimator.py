@@ -163,7 +163,8 @@ def estimator(
         standing, quality = feet.diagnostics["standing"], feet.diagnostics["sensors"]
         return prepared._replace(notes=notes, standing=standing, extra=(feet, stances), quality=quality)
 
-    return Estimator("stride_width_ekf", WidthParams(), ready, run, with_body, ABOUT, ("width_valid",), _finished)
+    return Estimator("stride_width_ekf", WidthParams(), ready, run, with_body, ABOUT, ("width_valid",), _finished,
+                     through=True)  # fmt: skip
 
 
 def estimate(

@@ -48,7 +48,7 @@ MIRRORED, MIRRORED_S = 0.4, 1.0
 """[1] log(misfit / misfit of the gyroscope with the reversed sign) above which the reversal is kept. A misfit is the
 mean square of the horizontal acceleration over `MIRRORED_S` [s], in which that of walking averages out: with the wrong
 sign the leans from accelerometer and gyroscope have opposite signs. It is below −.5 in each of 14 walks of `ipol_gait`,
-`mobgap_lab`, `neura_sparse` and `tripod`, and within ±.2 in simulated people, who hardly lean."""
+`mobgap_lab`, `neura_sparse` and `tripod`, and within ±.2 in five simulated people, who hardly lean."""
 
 CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the

@@ -111,9 +111,8 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
                 argument="placements",
             )
         if part.label != where:
-            given = AS_READ.note(f"the sensor {part.label!r} sat at {where}, as it was stated")
-            deduced = DEDUCED.note(f"the sensor {part.label!r} is taken to have sat at {where}")
-            notes.append(given if part.label in chosen else deduced)
+            kind, sat = (AS_READ, "was stated to sit") if part.label in chosen else (DEDUCED, "is taken to have sat")
+            notes.append(kind.note(f"the sensor {part.label!r} {sat} at {where}"))
         placed[where] = part
     if not placed:
         raise RecordingError(

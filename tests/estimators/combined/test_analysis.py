@@ -258,7 +258,7 @@ def test_a_path_a_measure_named_as_in_tables_and_the_strides_as_a_table(walked, 
     bare.write_text(bare.read_text().replace("pelvis_", "", 99))
     moved = jgait.analyse(bare, PERSON, placement="lower_back")
     assert moved.sources[0].placements == ("lower_back",)
-    with pytest.raises(TypeError, match="a recording is read already: placement is of the path of a file"):
+    with pytest.raises(TypeError, match="placement: only for the path of a file; this recording is read already"):
         jgait.analyse(walked[0], placement="waist")
     same = jgait.analyse(only(walked[0], "pelvis"), PERSON)
     assert from_file.estimate.distance[-1] == pytest.approx(same.estimate.distance[-1], rel=1e-3)
