@@ -2,8 +2,8 @@
 
 `python -m experiments.unseen2.learn_movements` writes `jgait/events/movements.json`. Other movements are those of
 `bodies.CHOSEN`, with seeds that the measurement does not use; walks are public ones, and simulated ones of all gaits,
-down to creeping with steps of 0.1 m. Each kind, and in it each set and each recording, has the same weight, and walking
-twice that of another kind. A weight has the sign that `EVIDENCE` states, or is 0. One trial of `pyshoe_vicon`, whose
+down to creeping with steps of 0.1 m. Each kind beside walking, and in it each set and each recording, has the same weight.
+A weight has the sign that `EVIDENCE` states, or is 0. One trial of `pyshoe_vicon`, whose
 foot stays in its place, is left out.
 """
 
@@ -29,7 +29,7 @@ from jgait.types import Imu, Strides, as_float
 
 KIND_OF = {
     "stepping in place": "in_place", "knee bends": "without_steps", "chairs": "without_steps",
-    "cycling": "without_steps", "ride": "riding",
+    "cycling": "cycling", "ride": "riding",
 }  # fmt: skip
 """Movement of `CHOSEN` → its kind of `KINDS`."""
 
@@ -45,7 +45,10 @@ IN_PLACE = "2018-02-09-11-16-53"
 GROUPS = {"foot": ("foot",), "leg": ("shank", "ankle"), "trunk": ("pelvis", "waist", "lower_back")}
 """Weights → the segments that share them."""
 
-PENALTY = 1e-2
+WALKS = 0.4
+"""[1] Weight of all walks beside that of all other movements."""
+
+PENALTY = 2e-3
 """[1] On the squares of weights of evidence in its standard deviations."""
 
 
@@ -128,7 +131,7 @@ def fitted(rows: list[Seen], signs: list[int]) -> np.ndarray:
     for name in set(source):
         share[source == name] /= share[source == name].sum()
     for number in set(kind.tolist()):
-        share[kind == number] *= (1.0 if number else 2.0) / share[kind == number].sum()
+        share[kind == number] *= ((1.0 - WALKS) / (kinds - 1) if number else WALKS) / share[kind == number].sum()
     mean = np.average(evidence, axis=0, weights=share)
     sd = np.sqrt(np.average((evidence - mean) ** 2, axis=0, weights=share)) + 1e-9
     columns = np.concatenate([np.ones((len(evidence), 1)), (evidence - mean) / sd], axis=1)

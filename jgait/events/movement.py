@@ -26,7 +26,7 @@ from jgait.types import Imu, Recording, as_float
 
 KINDS = {
     "walking": "walks", "in_place": "steps in place", "without_steps": "moves without steps or handles sensors",
-    "riding": "is carried, as in a vehicle",
+    "cycling": "pedals, as on a bicycle", "riding": "is carried, as in a vehicle",
 }  # fmt: skip
 """Movements, and how a note states them."""
 
