@@ -15,7 +15,7 @@ from jgait.notes import Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, as_float
 
-LEAST_S, PAUSE_S, SLOWS = 1.5, 0.6, 0.002
+LEAST_S, PAUSE_S, SLOWS = 1.5, 0.6, 0.0005
 """[s] Least duration of a movement that is judged; longest rest inside a movement. [1] Median probability of walking
 from which a movement beside walking, without rest between them, is its slow part."""
 
