@@ -2,9 +2,9 @@
 
 `python -m experiments.unseen2.learn_movements` writes `jgait/events/movements.json`. Other movements are those of
 `bodies.CHOSEN`, with seeds that the measurement does not use; walks are public ones, and simulated ones of all gaits,
-down to creeping with steps of 0.1 m. Each kind beside walking, and in it each set and each recording, has the same weight.
-A weight has the sign that `EVIDENCE` states, or is 0. One trial of `pyshoe_vicon`, whose
-foot stays in its place, is left out.
+down to creeping with steps of 0.1 m. Each kind beside walking, and in it each set and each recording, has the same
+weight. A weight has the sign that `EVIDENCE` states, or is 0. One trial of `pyshoe_vicon`, whose foot stays in its
+place, is left out.
 """
 
 import json

@@ -164,9 +164,9 @@ def _foot(
     for what, flags in (("accelerometer", clips), ("gyroscope", turned)):
         if flags.any():
             notes.append(CLIPPED(signal=what, placement=name, samples=flags.sum()))
-    factor = gyroscope_scale(gyr - at_rest.gyr_bias, acc, stances.stillest, lost | clips | turned, hz)
-    factor = 1.0 if factor is None else float(factor)
-    if off_rates := abs(np.log(factor)) > OFF_FROM:
+    scaled = gyroscope_scale(gyr - at_rest.gyr_bias, acc, stances.stillest, lost | clips | turned, hz)
+    factor, deviation = scaled or (1.0, 1.0)
+    if off_rates := abs(np.log(factor)) > OFF_FROM * deviation:
         notes.append(RATES_OFF(placement=name, factor=factor))
     stances = _measured(_more_footholds(stances, hz), not_bridged(lost, time))
     whole, known = _whole(stances, lost, time)
