@@ -42,10 +42,12 @@ class Damage(NamedTuple):
     Attributes:
         change: (rows, placement, random numbers) → damaged rows.
         everywhere: whether all sensors are damaged, so that a note need not name one.
+        together: whether only an estimate from all sensors can show the damage.
     """
 
     change: Callable[[Rows, str, np.random.Generator], Rows]
     everywhere: bool = False
+    together: bool = False
 
 
 def rows_of(recording: Recording, placements: tuple[str, ...]) -> Rows:
@@ -230,6 +232,29 @@ def every(number: int) -> Damage:
     return Damage(done, everywhere=True)
 
 
+def gained(factor: float, last: float | None = None) -> Damage:
+    """All gyroscopes are multiplied: by a factor, or by one that grows to `last` until the end."""
+
+    def done(rows: Rows, *_: object) -> Rows:
+        gain = np.linspace(factor, factor if last is None else last, len(rows.when))[:, None]
+        return rows._replace(sensors={p: {**s, "gyr": gain * s["gyr"]} for p, s in rows.sensors.items()})
+
+    return Damage(done, everywhere=True)
+
+
+def called_on(other: str, instead: str) -> Damage:
+    """A sensor is called as if worn on another segment, whose own sensor is left out; on a third one if it is there."""
+
+    def done(rows: Rows, placement: str, _: np.random.Generator) -> Rows:
+        segment, _, side = placement.partition("_")
+        name = instead if segment == other else other
+        name = name if name == "lower_back" else f"{name}_{side or 'right'}"
+        kept = {each: values for each, values in rows.sensors.items() if each not in (placement, name)}
+        return rows._replace(sensors={**kept, name: rows.sensors[placement]})
+
+    return Damage(done, everywhere=True, together=True)
+
+
 def repeated(values: np.ndarray, *_: object) -> np.ndarray:
     """Every second reading repeats the one before: a sensor at half the rate."""
     return np.repeat(values[::2], 2, axis=0)[: len(values)]
@@ -283,10 +308,7 @@ DAMAGES: dict[str, Damage] = {
     "gyroscope in rad/s": signal("gyr", times(np.pi / 180.0)),
     "accelerometer by 0.85": signal("acc", times(0.85)),
     "accelerometer in g": signal("acc", times(1.0 / GRAVITY)),
-    "all gyroscopes by 0.5": Damage(
-        lambda r, *_: r._replace(sensors={p: {**s, "gyr": 0.5 * s["gyr"]} for p, s in r.sensors.items()}),
-        everywhere=True,
-    ),
+    "all gyroscopes by 0.5": gained(0.5),
     "rate of 50 Hz stated for 100": called(0.5),
     "rate of 200 Hz stated for 100": called(2.0),
     "accelerometer 50 ms late": signal("acc", late(0.05)),
@@ -300,3 +322,22 @@ DAMAGES: dict[str, Damage] = {
     "50 Hz": every(2),
 }
 """What is wrong → the damage. Values are in the file's units, deg/s and m/s²."""
+
+FAULTS: dict[str, Damage] = {
+    "all gyroscopes by 1.07": gained(1.07),
+    "all gyroscopes drift to 1.15": gained(1.0, 1.15),
+    "gyroscope by 1.07": signal("gyr", times(1.07)),
+    "rate stated 3 % too high": called(1.03),
+    "rate stated 3 % too low": called(0.97),
+    "rate stated 10 % too high": called(1.1),
+    "rate of 100 Hz stated for 128": called(100.0 / 128.0),
+    "four cells of -9999, gyr": cells("gyr", -9999.0, 4),
+    "an axis of the gyroscope stuck for 2 s": stuck(2.0),
+    "stamps of a timer of 1/64 s": stamps(lambda t, *_: np.floor(t * 64.0) / 64.0),
+    "packets of five rows share a stamp": stamps(
+        lambda t, *_: t[np.minimum(np.arange(t.size) // 5 * 5 + 4, t.size - 1)]
+    ),
+    "called foot, or shank": called_on("foot", "shank"),
+    "called thigh, or lower back": called_on("thigh", "lower_back"),
+}
+"""What a laboratory states wrongly, and what wears out slowly; with `DAMAGES`, kinds of misuse."""

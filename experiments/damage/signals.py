@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.common import protocols, recordings
 from experiments.common.row import Row, show
-from experiments.damage.harm import DAMAGES, Damage, Rows, read, rows_of
+from experiments.damage.harm import DAMAGES, FAULTS, Damage, Rows, read, rows_of
 from jgait import simulate
 from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.combined import analyse
@@ -31,6 +31,9 @@ HARMED = {"leg_ekf": ("shank_right", "thigh_left"), "duty_cycled_gyro": ("shank_
           "ankle_stride": ("shank_right",), "foot_ins": ("foot_right",), "waist": ("pelvis",),
           "stride_width_ekf": ("foot_left",), "combined": ("shank_right", "foot_right", "pelvis")}  # fmt: skip
 """Estimator → the sensors that are damaged, one at a time."""
+
+MISUSE = DAMAGES | FAULTS
+"""All that is done to walks."""
 
 LINE, OF = "estimates of damaged walks, wrong by more than 5 % or 5°", "estimates"
 LARGE_PCT, LARGE_DEG, LARGE_M = 5.0, 5.0, 0.01
@@ -214,8 +217,11 @@ def cases(quick: bool) -> list[Case]:
         for name in estimators:
             clean = estimate(name, read(rows, walk))
             for placement in HARMED[name][:1] if quick else HARMED[name]:
-                for label, damage in DAMAGES.items():
-                    found.append(case(walk, label, damage, name, placement, rows, clean))
+                found += [
+                    case(walk, label, damage, name, placement, rows, clean)
+                    for label, damage in MISUSE.items()
+                    if name == "combined" or not damage.together
+                ]
     return found
 
 
@@ -236,10 +242,11 @@ def rows(quick: bool) -> list[Row]:
     for walk in dict.fromkeys(one.walk for one in found):
         lines: list[list[Any]] = []
         columns = list(dict.fromkeys((one.estimator, one.placement) for one in found if one.walk == walk))
-        for label in DAMAGES:
+        for label in MISUSE:
             by = {(one.estimator, one.placement): one for one in found if one.walk == walk and one.damage == label}
-            lines.append([label, *(cell(by[column]) for column in columns)])
+            lines.append([label, *(cell(by[column]) if column in by else "" for column in columns)])
         show(walk, ["damage", *(f"{name}, {placement}" for name, placement in columns)], lines)
+    misused, found = found, [one for one in found if one.damage in DAMAGES]
     wrong = sum(one.change is not None and one.change.wrong for one in found)
     silent = sum(one.silent for one in found)
     one_of_many = [c for c in found if c.estimator == "combined" and not DAMAGES[c.damage].everywhere]
@@ -249,7 +256,15 @@ def rows(quick: bool) -> list[Row]:
         for one in found
     )
     split = f"{len(DAMAGES)} damages, {len({one.walk for one in found})} walks; against the undamaged walk"
+    every = f"{len(MISUSE)} kinds, {len({one.walk for one in misused})} walks; against the walk as it was"
     return [
+        Row(
+            "misuse_silent_pct",
+            100.0 * sum(one.silent for one in misused) / len(misused),
+            "%",
+            n=len(misused),
+            split=every,
+        ),
         Row("silent_wrong_pct", 100.0 * silent / len(found), "%", n=len(found), split=split).on(LINE, "unnoticed", OF),
         Row(
             "combined_pulled_pct",
