@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait import io
-from jgait.io.rows import read_table
 from jgait.io.strides import TIMES
+from jgait.io.text import read_table
 from jgait.notes import Kind
 from jgait.quality import of_sensor
 from jgait.types import Recording, Walk

@@ -8,25 +8,15 @@ from numpy.typing import ArrayLike
 
 from jgait.estimators.walking import walking_alone
 from jgait.io.checks import contradictions, quality_notes
-from jgait.io.checks.readings import without_damage, without_repeats
+from jgait.io.checks.readings import RANGE_LOST, without_damage, without_repeats
 from jgait.io.checks.sizes import RANGE_UNITS, check_range, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
-from jgait.notes import AS_READ, NO_RANGE, Kind, Note
+from jgait.notes import AS_READ, DATA_LOST, Note
 from jgait.quality import SensorQuality, merged
 from jgait.quality import notes as writer
 from jgait.signal.windows import over_losses
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
-
-RANGE_EMPTY = Kind("range_empty", "check", "feet_range holds no reading", NO_RANGE)
-GYROSCOPE_ASLEEP = Kind(
-    "gyroscope_asleep",
-    "check",
-    "{placement}: in {share:.0%} of the samples the accelerometer has a reading and the gyroscope has none; they count "
-    "as lost",
-    "If the gyroscope was switched off to save power, `duty_cycled_gyro` fills its rate in Python: `estimate` takes "
-    "gyro_on={name: recording.sensors[name].mask}, with the name of the sensor.",
-)
 
 ASLEEP = 0.05
 """[1] Largest share of samples that a gyroscope lacks, and its accelerometer has, without a note."""
@@ -140,7 +130,7 @@ def recording_in_units(
     apart, repeats = without_repeats(apart, imus)
     notes = (*notes, *repeats)
     if not apart.mask.any():
-        notes = (*notes, RANGE_EMPTY())
+        notes = (*notes, RANGE_LOST.note("feet_range holds no reading"))
     return recording._replace(notes=notes, feet_range=apart)
 
 
@@ -149,7 +139,12 @@ def _asleep(placement: str, read: Mapping[str, np.ndarray]) -> tuple[Note, ...]:
     if "acc" not in read:
         return ()
     alone = np.isfinite(read["acc"]).all(axis=1) & np.isnan(read["gyr"]).all(axis=1)
-    return (GYROSCOPE_ASLEEP(placement=placement, share=alone.mean()),) if alone.mean() > ASLEEP else ()
+    text = (
+        "{placement}: in {share:.0%} of the samples the accelerometer has a reading and the gyroscope has none; they "
+        "count as lost; if it was switched off to save power, `duty_cycled_gyro` fills its rate: `estimate` takes "
+        "gyro_on={{name: recording.sensors[name].mask}}"
+    )
+    return (DATA_LOST.note(text, placement=placement, share=alone.mean()),) if alone.mean() > ASLEEP else ()
 
 
 def _by_header(units: Units, sensors: Mapping[str, Mapping[str, ArrayLike]]) -> list[Note]:

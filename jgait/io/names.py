@@ -1,10 +1,12 @@
 """Recognise a lab's names of columns: "GyroThighR_x (deg/s)" is thigh_right_gyr_x in jgait."""
 
+import difflib
 import re
 import unicodedata
+from collections.abc import Mapping
 
 from jgait.io.units import split_unit
-from jgait.types import PLACEMENTS
+from jgait.types import PLACEMENTS, RecordingError
 
 KINDS = {
     "gyr": (
@@ -34,6 +36,9 @@ COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in P
 
 LONG_UNITS = {"min": 60.0, "h": 3600.0}
 """Unit of time that only the name of a column states → s."""
+
+ALMOST = 0.8
+"""[1] Least share of equal characters of a name that is taken for another one misspelt."""
 
 COUNTER = "packetcounter"
 """Name of a column that counts the samples, in lower case."""
@@ -115,25 +120,27 @@ def _without_accents(text: str) -> str:
     return "".join(letter for letter in plain if not unicodedata.combining(letter))
 
 
+def _plain(name: str) -> str:
+    """A column's name without accents, without what is in brackets and without a unit at its end."""
+    return re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(split_unit(name)[0]))
+
+
 def _words(name: str) -> list[str]:
-    """The words of a column's name without what is in brackets and without a unit at its end, in lower case."""
-    plain = re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(split_unit(name)[0]))
-    return [word.lower() for word in re.findall(WORD, plain)]
+    """The words of a column's name, in lower case."""
+    return [word.lower() for word in re.findall(WORD, _plain(name))]
 
 
-def _signal(words: list[str]) -> tuple[str, str, list[str] | None] | None:
-    """Kind of signal, axis, and the words beside them (None: they are not whole); None for words of no raw signal."""
+def _signal(words: list[str]) -> tuple[str, list[str] | None] | None:
+    """The channel, and the words beside it (None: they are not whole); None for words of no raw signal."""
     if not words or any(word in NOT_RAW for word in words):
         return None
     axis, rest = (words[-1], words[:-1]) if words[-1] in ("x", "y", "z") else ("", words)
     joined = "".join(rest)
     for kind, synonyms in KINDS.items():
-        for synonym in synonyms:
-            if synonym not in joined:
-                continue
+        for synonym in filter(joined.__contains__, synonyms):
             last = not axis and joined.endswith(tuple(f"{synonym}{letter}" for letter in "xyz"))
-            stated_axis = joined[-1] if last else axis
-            return (kind, stated_axis, _without(rest, synonym + (stated_axis if last else ""))) if stated_axis else None
+            stated = joined[-1] if last else axis
+            return (f"{kind}_{stated}", _without(rest, synonym + (stated if last else ""))) if stated else None
     return None
 
 
@@ -146,26 +153,23 @@ def column_of(name: str) -> str | None:
     if TIMES.fullmatch("".join(words)):
         return "time"
     signal = _signal(words)
-    if signal is None or signal[2] is None:
+    if signal is None or signal[1] is None:
         return None
-    kind, axis, rest = signal
+    channel, rest = signal
     where = placement_of("_".join(rest)) if rest else None
-    return f"{where}_{kind}_{axis}" if where else None if rest else f"{kind}_{axis}"
+    return f"{where}_{channel}" if where else None if rest else channel
 
 
 def sensor_of(name: str) -> tuple[str, str] | None:
     """The lab's name of a sensor and the channel of a column: ("IMU1", "gyr_x") of "IMU1_gyr_x"; None for others."""
-    plain = re.sub(r"[(\[{].*?[)\]}]", " ", _without_accents(split_unit(name)[0]))
+    plain = _plain(name)
     matches = list(re.finditer(WORD, plain))
     words = [match[0].lower() for match in matches]
-    signal = _signal(words)
-    kind, axis, rest = signal or ("", "", None)
-    if not rest:
+    channel, rest = _signal(words) or ("", None)
+    begin = next((i for i in range(len(words)) if rest and words[i : i + len(rest)] == rest), None)
+    if begin is None or not rest:
         return None
-    begin = next((i for i in range(len(words)) if words[i : i + len(rest)] == rest), None)
-    if begin is None:
-        return None
-    return plain[matches[begin].start() : matches[begin + len(rest) - 1].end()], f"{kind}_{axis}"
+    return plain[matches[begin].start() : matches[begin + len(rest) - 1].end()], channel
 
 
 def like_a_signal(name: str) -> bool:
@@ -213,3 +217,56 @@ def recognised(given: list[str], renamed: list[str], placement: str | None) -> d
     for index in dates if len(dates) < len(clocks) else ():  # a clock beside the date is finer
         del names[index]
     return {index: name for index, name in names.items() if list(names.values()).count(name) == 1}
+
+
+def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
+    """The error about columns that are lacking, or about a table in which no column is that of a sensor.
+
+    Args:
+        lacking: names of columns that are expected; empty if no sensor is recognised.
+        position: recognised name → number of the column.
+        given: names of all columns.
+        name: of the table.
+    """
+    signals = {kind: [column for column in given if states(column, kind)] for kind in ("gyr", "acc")}
+    if signals["acc"] and not signals["gyr"]:
+        return RecordingError(f"{name} holds no gyroscope, which every method needs; found {_few(signals['acc'])}")
+    if not lacking and any(column_of(column) in CHANNELS for column in given):
+        return RecordingError(
+            f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "
+            "place, such as {argument}", argument="placement", value="waist",
+        )  # fmt: skip
+    known = {index for column, index in position.items() if column in COLUMNS}
+    unknown = [column for index, column in enumerate(given) if index not in known]
+    # the lab's own names of the other axes, with the letter of one that lacks
+    spelt = {_with_axis(given[index], wanted[-1]): wanted for wanted in lacking
+             for column, index in position.items() if column[:-1] == wanted[:-1]}  # fmt: skip
+    likely = spelt | {column: column for column in lacking or sorted(COLUMNS - {"time", "feet_range"})}
+    near = {column: difflib.get_close_matches(column.strip().lower(), likely, 1, ALMOST) for column in unknown}
+    looks = [f"{column!r} looks like {likely[meant[0]]!r}" for column, meant in near.items() if meant][:3]
+    hint = f"; {', '.join(looks)}: correct the header of the file" if looks else ""
+    sensors = [found[0] for column in unknown if (found := sensor_of(column))]
+    if lacking:
+        rest = f"; columns not recognised: {_few([c for c in unknown if sensor_of(c)] or unknown)}" if unknown else ""
+        expected = [f"{lacking[0][:-1]}{axis}" for axis in "xyz"]
+        needs = "; a sensor needs its gyroscope" if len(lacking) == 3 and "_gyr_" in lacking[0] else ""
+        return RecordingError(f"{name} lacks {', '.join(lacking)}{needs}{hint}; expected columns {expected}{rest}")
+    strange = [sensor for sensor in sensors if not difflib.get_close_matches(sensor.lower(), PLACEMENTS, 1, ALMOST)]
+    named = "; io.read and the commands place sensors by {argument}" if strange and not hint else ""
+    return RecordingError(
+        f"{name} has no column that is recognised as a sensor's: found {_few(given)}{hint}; columns are named "
+        f"<placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x{named}",
+        argument="placements" if named else "",
+        value={strange[0]: "shank_right"} if named else "",
+    )
+
+
+def _with_axis(spelt: str, axis: str) -> str:
+    """A lab's name of a column, in lower case, with another axis at its last x, y or z."""
+    last = max(spelt.lower().rfind(letter) for letter in "xyz")
+    return f"{spelt[:last]}{axis}{spelt[last + 1 :]}".lower()
+
+
+def _few(names: list[str]) -> str:
+    """The first four of some names, and how many more there are."""
+    return ", ".join(map(repr, names[:4])) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

@@ -13,7 +13,6 @@ from jgait.io.checks.sizes import are_counts, counts_without_unit
 from jgait.io.clock import CLOCK_FROM_DATE, unwrapped
 from jgait.io.dates import date_of, dated
 from jgait.io.files import no_numbers, reading
-from jgait.io.misnamed import not_recognised
 from jgait.io.names import (
     CHANNELS,
     COUNTER,
@@ -21,11 +20,12 @@ from jgait.io.names import (
     SIDE_OF,
     column_of,
     like_a_signal,
+    not_recognised,
     placement_of,
     recognised,
     unit_in_name,
 )  # fmt: skip
-from jgait.io.rows import read_table
+from jgait.io.text import read_table
 from jgait.io.units import Unit, unit_of_columns
 from jgait.notes import DATA_LOST, DEDUCED, LEFT_OUT, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError

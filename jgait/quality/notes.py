@@ -11,26 +11,22 @@ SENSOR_LEFT_OUT = Kind(
     "{placement} is left out: {reason}",
     "The numbers of this sensor cannot be right. What the other sensors measure does not depend on it.",
 )
-SIDES_DIFFER = Kind(
-    "sides_differ",
+CONTRADICTS = Kind(
+    "sensor_contradicts",
     "check",
-    "{placement} turns {ratio:.2f} times as fast as {other}: unless one leg is spared, the scale or unit of one of the "
-    "two gyroscopes is wrong, or one of the two sensors sat on another segment",
-    "Both legs of a person turn alike, also in most illnesses that affect one side.",
+    "",
+    "Sign, order or handedness of the axes, the unit or the scale of a gyroscope or an accelerometer, or the sampling "
+    "rate, is wrong, or the sensor sat elsewhere. What is computed from this sensor is wrong as well.",
 )
-SIDES_OUT_OF_STEP = Kind(
-    "sides_out_of_step",
+"""A sensor that contradicts itself, or the other sensors of the person."""
+CLOCKS_APART = Kind(
+    "clocks_apart",
     "check",
-    "{placement} follows {other} by {share:.2f} of a stride in place of a half: one of the two clocks is wrong, or the "
-    "person limps",
-    "What is computed from both feet together needs sensors on one clock.",
+    "",
+    "Signals that are computed together have to be measured at the same time: angles between two segments, and speeds "
+    "and lengths from both signals of one sensor, are wrong by many per cent.",
 )
-SENSOR_LATE = Kind(
-    "sensor_late",
-    "check",
-    "{placement} is {milliseconds:.0f} ms {side} {other}; one of the two clocks is wrong",
-    "Angles between two segments, and what is computed from them, need sensors on one clock.",
-)
+"""A signal that is late behind another one."""
 
 
 def left_out(quality: Mapping[str, SensorQuality]) -> list[Note]:
@@ -42,16 +38,28 @@ def contradictions(quality: Mapping[str, SensorQuality]) -> list[Note]:
     """Notes on contradictions between two sensors of the legs."""
     notes = []
     for placement, facts in quality.items():
+        other = opposite(placement)
         if facts.faster != 1.0:
-            notes.append(SIDES_DIFFER(placement=placement, ratio=facts.faster, other=opposite(placement)))
+            differs = (
+                "{placement}: it turns {ratio:.2f} times as fast as {other}: unless one leg is spared, the scale or "
+                "unit of one of the two gyroscopes is wrong, or one of the two sensors sat on another segment"
+            )
+            notes.append(CONTRADICTS.note(differs, placement=placement, ratio=facts.faster, other=other))
         if facts.step_share != 0.5:
-            notes.append(SIDES_OUT_OF_STEP(placement=placement, other=opposite(placement), share=facts.step_share))
+            follows = (
+                "{placement}: it follows {other} by {share:.2f} of a stride in place of a half: one of the two clocks "
+                "is wrong, or the person limps"
+            )
+            notes.append(CLOCKS_APART.note(follows, placement=placement, other=other, share=facts.step_share))
         if facts.late:
-            milliseconds, side = 1e3 * abs(facts.late), delayed(facts.late)
-            notes.append(SENSOR_LATE(placement=placement, milliseconds=milliseconds, side=side, other=above(placement)))
+            notes.append(delayed(placement, "it", facts.late, f"{above(placement)}; one of the two clocks is wrong"))
     return notes
 
 
-def delayed(delay: float) -> str:
-    """Where a delayed signal is, in words."""
-    return "behind" if delay > 0.0 else "ahead of"
+def delayed(placement: str, signal: str, delay: float, other: str) -> Note:
+    """The note on a signal that is late, or early if the delay [s] is negative."""
+    text = "{placement}: {signal} is {milliseconds:.0f} ms {side} {other}"
+    side = "behind" if delay > 0.0 else "ahead of"
+    return CLOCKS_APART.note(
+        text, placement=placement, signal=signal, milliseconds=1e3 * abs(delay), side=side, other=other
+    )

@@ -10,18 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.checks import limits
-from jgait.io.checks.gravity import gravity_notes
-from jgait.io.checks.losses import in_long_gaps, loss_notes
+from jgait.io.checks.gravity import gravity_notes, slow_gyroscope
 from jgait.io.checks.order import accelerometer_late, late_behind, rows_wrong
 from jgait.io.checks.pace import LegPace, pace_notes, paces_of
 from jgait.io.checks.readings import channel_notes
 from jgait.io.checks.sides import out_of_step, sides_differ, turn_notes
 from jgait.io.units import Unit
 from jgait.mounting.places import places_in
-from jgait.notes import Note, record
+from jgait.notes import DATA_LOST, Note, record
 from jgait.quality import SensorQuality, merged
 from jgait.quality import notes as writer
-from jgait.signal.windows import over_losses
+from jgait.signal.windows import over_losses, true_runs
 from jgait.types import SIDES, Imu, Recording, as_float
 
 __all__ = ["Contradictions", "contradictions", "quality_notes"]
@@ -45,9 +44,25 @@ def quality_notes(recording: Recording, noted: Mapping[str, np.ndarray] | None =
     notes: list[Note] = []
     for placement, imu in recording.sensors.items():
         present = np.asarray(imu.mask) | (False if noted is None else noted[placement])
-        notes += loss_notes(placement, present, imu, recording.sampling_rate_hz)
-        notes += channel_notes(placement, imu)
+        notes += _loss_notes(placement, present, imu, recording.sampling_rate_hz) + channel_notes(placement, imu)
     return tuple(notes)
+
+
+def _long_gaps(present: np.ndarray, rate_hz: float) -> list[tuple[int, int]]:
+    """The gaps that are too long to be bridged, each as its first sample and the one after its last."""
+    return [(start, end) for start, end in true_runs(~present) if end - start > limits.LONG_GAP_S * rate_hz]
+
+
+def _loss_notes(placement: str, present: np.ndarray, imu: Imu, rate_hz: float) -> list[Note]:
+    """Notes about long stretches of samples that are not present (T,), and about the number of others."""
+    long, notes = _long_gaps(present, rate_hz), []
+    if len(long) < len(true_runs(~present)):
+        many = "{placement}: samples missing: {missing} of {samples}"
+        notes.append(DATA_LOST.note(many, placement=placement, missing=(~present).sum(), samples=len(present)))
+    for start, end in long:
+        text = f"{(end - start) / rate_hz:.2f} s missing from {float(imu.time[start] - imu.time[0]):.2f} s"
+        notes.append(DATA_LOST.note(text, placement=placement))
+    return notes
 
 
 def contradictions(
@@ -63,17 +78,17 @@ def contradictions(
     rate_hz = recording.sampling_rate_hz
     if rate_hz < limits.SLOWEST_HZ or len({len(imu.time) for imu in recording.sensors.values()}) != 1:
         return Contradictions({}, ())
-    lost = {placement: in_long_gaps(imu, rate_hz) for placement, imu in recording.sensors.items()}
+    lost = {placement: _in_long_gaps(imu, rate_hz) for placement, imu in recording.sensors.items()}
     sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
-    itself = {p: gravity_notes(p, imu, lost[p], rate_hz, (units or {}).get(p)) for p, imu in sensors.items()}
-    if whole is not None and whole is not recording:
-        every = {p: gravity_notes(p, _bridged(imu, lost[p]), lost[p], rate_hz, (units or {}).get(p))
-                 for p, imu in whole.sensors.items()}  # fmt: skip
-        itself |= {placement: facts for placement, facts in every.items() if facts[0]}
+    slow = {
+        placement: note
+        for one in (recording, whole or recording) for placement, imu in one.sensors.items()
+        if (note := slow_gyroscope(placement, imu, rate_hz, (units or {}).get(placement)))
+    }  # fmt: skip
     # a gyroscope that hardly turns contradicts every other sensor: its note explains that
-    slow = {placement for placement, (slowly, _) in itself.items() if slowly}
     worn = {placement: imu for placement, imu in sensors.items() if placement not in slow}
-    wrong = {placement for placement, (_, notes) in itself.items() if notes}
+    itself = {p: [slow[p]] if p in slow else gravity_notes(p, imu, lost[p], rate_hz) for p, imu in sensors.items()}
+    wrong = {placement for placement, notes in itself.items() if notes}
     turns = [turn for turn in turn_notes(sensors, lost, rate_hz, wrong) if turn[0][0] not in slow]
     wrong |= {placement for placements, _ in turns for placement in placements}
     paces = paces_of(worn, lost, rate_hz)
@@ -86,8 +101,8 @@ def contradictions(
         {placement: delay for placement, (delay, _) in late.items()}, of_legs, dict.fromkeys(sensors, rows),
     )  # fmt: skip
     notes = itertools.chain(
-        *(each for _, each in itself.values()), pace_notes(paces), writer.contradictions(of_sides),
-        (note for _, note in turns), *(each for _, each in late.values()), leg_notes, row_notes,
+        *itself.values(), pace_notes(paces), writer.contradictions(of_sides), (note for _, note in turns),
+        *(each for _, each in late.values()), leg_notes, row_notes,
     )  # fmt: skip
     return Contradictions(quality, tuple(notes))
 
@@ -119,6 +134,14 @@ def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[dict[str, Sens
         if {upper, lower} <= with_acc and not {upper, lower}.intersection(moved):
             late[lower] = SensorQuality(late=late_behind(upper, lower, sensors, rate_hz))
     return late, [*(places.notes() if places and moved else []), *writer.contradictions(late)]
+
+
+def _in_long_gaps(imu: Imu, rate_hz: float) -> np.ndarray:
+    """(T,) bool, samples in gaps that are too long to be bridged."""
+    lost = np.zeros(len(imu.mask), bool)
+    for start, end in _long_gaps(np.asarray(imu.mask, bool), rate_hz):
+        lost[start:end] = True
+    return lost
 
 
 def _bridged(imu: Imu, lost: np.ndarray) -> Imu:

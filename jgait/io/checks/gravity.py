@@ -14,33 +14,10 @@ from jgait.geometry.rotation import Quaternion, conjugate, product
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.checks import limits as at
 from jgait.io.units import Unit
-from jgait.notes import Kind, Note
+from jgait.notes import Note
+from jgait.quality.notes import CONTRADICTS
 from jgait.signal.windows import held_spread, true_runs, window_size
 from jgait.types import Imu, as_float
-
-GYROSCOPE_DISAGREES = Kind(
-    "gyroscope_disagrees",
-    "check",
-    "{placement}: gyroscope and accelerometer do not agree: turned by the gyroscope, the mean acceleration over two "
-    "strides is {ratio:.2f} of gravity; {causes}",
-    "Sign, order or handedness of the axes, the unit or the scale of the gyroscope, or the sampling rate is wrong for "
-    "this sensor. What is computed from it is wrong as well.",
-)
-GYROSCOPE_SLOW = Kind(
-    "gyroscope_slow",
-    "check",
-    "{placement}: the gyroscope reaches only {rate:.3g} rad/s (99th percentile{stated}) while the accelerometer is "
-    "shaken as in walking; its unit differs from that of the other sensors (rad/s in place of deg/s?), or it did not "
-    "record",
-    "With a rate that is many times too small, angles and lengths of this sensor are worthless.",
-)
-TILTS_APART = Kind(
-    "tilts_apart",
-    "check",
-    "{placement}: between standing and walking its gyroscope and its accelerometer tilt by up to {degrees:.0f}° more "
-    "or less than each other; the sign, order or handedness of the axes of one of them is wrong",
-    "Angles of this sensor, and what is computed from them, are wrong.",
-)
 
 TRIALS = {
     "the gyroscope may be 2 times too small": (2.0, 2.0, 2.0),
@@ -62,29 +39,43 @@ class _Means(NamedTuple):
     step: float
 
 
-def gravity_notes(
-    placement: str, imu: Imu, lost: np.ndarray, rate_hz: float, unit: Unit | None = None
-) -> tuple[bool, list[Note]]:
-    """Whether the gyroscope of a sensor of legs or trunk hardly turns although the sensor is shaken; and notes if its
-    gyroscope and accelerometer contradict each other.
+def slow_gyroscope(placement: str, imu: Imu, rate_hz: float, unit: Unit | None) -> Note | None:
+    """The note about a gyroscope of a leg that hardly turns while its accelerometer is shaken as in walking; or None.
+
+    Args:
+        placement: placement of the sensor.
+        imu: the sensor.
+        rate_hz: sampling rate [Hz].
+        unit: unit in which the gyroscope was read; the note names the header that states it.
+    """
+    segment, mask = placement.partition("_")[0], np.asarray(imu.mask)
+    legs = segment in at.TILTED_DEG and segment not in at.TRUNK and imu.acc is not None
+    if not legs or len(imu.time) < 2.0 * at.WINDOW_S * rate_hz or not mask.any():
+        return None
+    rate = float(np.percentile(np.linalg.norm(as_float(imu.gyr)[mask], axis=1), 99.0))
+    if rate >= at.SLOW_GYR or float(np.linalg.norm(as_float(imu.acc)[mask], axis=1).std()) <= at.SHAKEN:
+        return None
+    return CONTRADICTS.note(
+        "{placement}: the gyroscope reaches only {rate:.3g} rad/s (99th percentile{stated}) while the accelerometer is "
+        "shaken as in walking; its unit differs from that of the other sensors (rad/s in place of deg/s?), or it did "
+        "not record",
+        placement=placement, rate=rate, stated=f", {unit}" if unit is not None and unit.origin == "header" else "",
+    )  # fmt: skip
+
+
+def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float) -> list[Note]:
+    """Notes about a sensor of legs or trunk whose gyroscope and accelerometer contradict each other.
 
     Args:
         placement: placement of the sensor.
         imu: the sensor, short gaps of its gyroscope bridged.
         lost: (T,) bool, samples in long gaps.
         rate_hz: sampling rate [Hz].
-        unit: unit in which the gyroscope was read; the note names the header that states it.
     """
     segment, length = placement.partition("_")[0], min(len(imu.time), int(at.LONGEST_S * rate_hz))
     if segment not in at.TILTED_DEG or imu.acc is None or length < at.WINDOW_S * rate_hz:
-        return False, []
-    trunk, mask = segment in at.TRUNK, np.asarray(imu.mask)
-    fast = float(np.percentile(np.linalg.norm(as_float(imu.gyr)[mask], axis=1), 99.0)) if mask.any() else 0.0
-    shaken = float(np.linalg.norm(as_float(imu.acc)[mask], axis=1).std()) if mask.any() else 0.0
-    if not trunk and fast < at.SLOW_GYR and shaken > at.SHAKEN and length >= 2.0 * at.WINDOW_S * rate_hz:
-        stated = f", {unit}" if unit is not None and unit.origin == "header" else ""
-        return True, [GYROSCOPE_SLOW(placement=placement, rate=fast, stated=stated)]
-    count = max(int(rate_hz / at.TURNED_HZ), 1)
+        return []
+    trunk, count = segment in at.TRUNK, max(int(rate_hz / at.TURNED_HZ), 1)
     length = length // count
     gyr, acc = (as_float(part)[: length * count].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
     means = _Means(gyr, acc, lost[: length * count].reshape(length, count).any(axis=1), count / rate_hz)
@@ -94,8 +85,13 @@ def gravity_notes(
     if rate_hz >= at.TILT_HZ:
         angle = smallest_tilt(means, at.MOVING_TRUNK if trunk else at.FASTEST_WINDOW)
         if angle is not None and angle > at.TILTED_DEG[segment]:
-            notes.append(TILTS_APART(placement=placement, degrees=angle))
-    return False, notes
+            tilts = (
+                "{placement}: between standing and walking its gyroscope and its accelerometer tilt by up to "
+                "{degrees:.0f}° more or less than each other; the sign, order or handedness of the axes of one of them "
+                "is wrong"
+            )
+            notes.append(CONTRADICTS.note(tilts, placement=placement, degrees=angle))
+    return notes
 
 
 def _turned(rates: np.ndarray, forces: np.ndarray, step: float) -> np.ndarray:
@@ -144,7 +140,11 @@ def _size(placement: str, means: _Means, low: float, high: float, fastest: float
     undone = ratios(factors[1:])
     fits = [cause for cause, value in zip(TRIALS, undone, strict=True) if abs(value - 1.0) < at.UNDONE]
     causes = ", or ".join(fits[:3]) or "its axes, unit or scale, or the sampling rate, may be wrong"
-    return [GYROSCOPE_DISAGREES(placement=placement, ratio=ratio, causes=causes)]
+    disagree = (
+        "{placement}: gyroscope and accelerometer do not agree: turned by the gyroscope, the mean acceleration over "
+        "two strides is {ratio:.2f} of gravity; {causes}"
+    )
+    return [CONTRADICTS.note(disagree, placement=placement, ratio=ratio, causes=causes)]
 
 
 def smallest_tilt(means: _Means, moving: float) -> float | None:

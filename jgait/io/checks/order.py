@@ -16,30 +16,14 @@ from jgait.quality.notes import delayed
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, as_float
 
-ACCELEROMETER_LATE = Kind(
-    "accelerometer_late",
+ROWS_WRONG = Kind(
+    "rows_wrong",
     "check",
-    "{placement}: the accelerometer is {milliseconds:.0f} ms {side} the gyroscope",
-    "Gyroscope and accelerometer of one sensor have to be measured at the same time; speeds and lengths computed from "
-    "both are wrong by many per cent.",
+    "",
+    "Without time stamps, movements come out too fast and too small where rows are missing, too slow and too large "
+    "where they are written twice; lengths and angles after the place are wrong.",
 )
-ROWS_LOST = Kind(
-    "rows_lost",
-    "check",
-    "all sensors jump at {places} {places:place|places}, first at {begin_s:.2f} s: rows are missing there although "
-    "time goes on, or "
-    "the recording was joined from parts",
-    "Where rows are missing without time stamps, movements come out too fast and too small; lengths and angles after "
-    "the place are wrong.",
-)
-ROWS_TWICE = Kind(
-    "rows_twice",
-    "check",
-    "{rows} rows repeat the one before in all sensors while they turn, first at {begin_s:.2f} s: rows are written "
-    "twice although time goes on",
-    "Where rows are written twice without time stamps, movements come out too slow and too large; lengths and angles "
-    "are wrong. A file without the repeated rows mends this.",
-)
+"""Rows of a file that are missing, or written twice, although time goes on."""
 
 
 def rows_wrong(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[SensorQuality, list[Note]]:
@@ -61,12 +45,18 @@ def rows_wrong(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[SensorQualit
     early = slice(int(at.COUNTED_S * rate_hz))
     twice = _written_twice([change[early] for change in changes], whole[early])
     if rows := int(twice.sum()):
-        return SensorQuality(rows_twice=rows), [ROWS_TWICE(rows=rows, begin_s=(np.argmax(twice) + 1) / rate_hz)]
+        begin_s = (np.argmax(twice) + 1) / rate_hz
+        text = f"rows that repeat the one before in all sensors while they turn: {rows}, first at {begin_s:.2f} s"
+        return SensorQuality(rows_twice=rows), [ROWS_WRONG.note(f"{text}; they are written twice though time goes on")]
     lost = _double_steps([change[early] for change in changes], whole[early], rate_hz)
     if not lost.any() and len(changes) >= at.SENSORS_OF_JUMP:
         lost = (np.mean([_jump(change) for change in changes], axis=0) > at.SURE_JUMP) & whole
     if places := int(lost.sum()):
-        return SensorQuality(rows_lost=places), [ROWS_LOST(places=places, begin_s=(np.argmax(lost) + 1) / rate_hz)]
+        begin_s = (np.argmax(lost) + 1) / rate_hz
+        text = f"places at which all sensors jump: {places}, first at {begin_s:.2f} s; rows are missing there although"
+        return SensorQuality(rows_lost=places), [
+            ROWS_WRONG.note(f"{text} time goes on, or the recording was joined from parts")
+        ]
     return SOUND, []
 
 
@@ -175,8 +165,7 @@ def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> tuple[Sensor
     usual = low - 0.5 / rate_hz <= delay <= high + 0.5 / rate_hz
     if usual or alike <= at.LEAST_ALIKE:
         return SOUND, []
-    note = ACCELEROMETER_LATE(placement=placement, milliseconds=1e3 * abs(delay), side=delayed(delay))
-    return SensorQuality(acc_late=delay), [note]
+    return SensorQuality(acc_late=delay), [delayed(placement, "the accelerometer", delay, "the gyroscope")]
 
 
 def late_behind(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: float) -> float:

@@ -1,5 +1,6 @@
 """Range, stuck and clipped readings of one sensor: what it cannot have measured is masked, with a note."""
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -24,14 +25,6 @@ UNWRAPPED = WRAPPED._replace(
     meaning="The movement was faster than the sensor's range, and its peaks came out with the wrong sign. A whole "
     "range was added to them or taken from them. A sensor with a larger range avoids this.",
 )
-SLOWER = Kind(
-    "samples_repeated",
-    "check",
-    "{placement}: {percent:.0f} % of the readings of the {signal} repeat the one before; the sensor is slower than the "
-    "file states; {taken}",
-    "Readings that are written twice add no information, and hold up the signal by half of their time. Over a slow "
-    "sensor's readings, impacts and fast movements are not known.",
-)
 CHANNEL_CONSTANT = Kind(
     "channel_constant",
     "check",
@@ -51,13 +44,8 @@ CHANNEL_CLIPPED = Kind(
     "{placement}: {channel} is clipped at ±{value:.4g} {unit} in {samples} {samples:sample|samples}",
     CLIPPING,
 )
-RANGE_STUCK = Kind(
-    "range_stuck",
-    "check",
-    "feet_range repeats one reading {times} {times:time|times} while the feet move, for {seconds:.2f} s in all, first "
-    "at {begin_s:.2f} s; masked",
-    NO_RANGE,
-)
+RANGE_LOST = Kind("range_lost", "check", "", NO_RANGE)
+"""A range between the feet that was not measured."""
 SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
 
 
@@ -76,37 +64,27 @@ def without_damage(
             there; None if the sensor is the only one.
     """
     signals = {kind: values.copy() for kind, values in signals.items()}
-    notes: list[Note] = []
-    frozen: dict[tuple[int, int], list[str]] = {}
+    wrapped: list[Note] = []
     held = np.all([~np.diff(values, axis=0).any(axis=1) for values in signals.values()], axis=0)
     held &= False if twice is None else ~twice
     with np.errstate(invalid="ignore"):
-        _impossible(placement, signals, rate_hz, notes)
-        _placeholders(placement, signals, scales, rate_hz, notes)
+        sentences = _impossible(signals, rate_hz) + _placeholders(signals, scales, rate_hz)
         for kind, values in signals.items():
-            notes += _unwrap(placement, kind, values)
-            spikes = _spikes(placement, kind, values, signals["gyr"], rate_hz, notes)
-            whole = _stuck(kind, values, signals["gyr"], None, rate_hz)
+            wrapped += _unwrap(placement, kind, values)
+            spikes, jumps = _spikes(placement, kind, values, signals["gyr"], rate_hz)
+            stuck = {axis: _stuck(kind, values, signals["gyr"], axis, rate_hz) for axis in (None, 0, 1, 2)}
             slower = _repeats(kind, values, signals["gyr"], held, rate_hz)
-            stuck = {axis: _stuck(kind, values, signals["gyr"], axis, rate_hz) for axis in range(3)}
             values[spikes] = np.nan
-            for run in whole:
-                frozen.setdefault(run, []).append(f"the {SIGNALS[kind][0]}")
             for axis, runs in stuck.items():
+                for start, end in runs:
+                    values[start + 1 : end + 1] = np.nan
                 if runs:
+                    signal = f"the {SIGNALS[kind][0]}" if axis is None else f"{kind}_{'xyz'[axis]}"
                     seconds = sum(end - start + 1 for start, end in runs) / rate_hz
-                    channel, begin = f"{placement} {kind}_{'xyz'[axis]}", runs[0][0] / rate_hz
-                    stuck_for = f"while the sensor turns, for {seconds:.2f} s in all, first at {begin:.2f} s"
-                    notes.append(MASKED.note(f"{channel} repeats one reading {stuck_for}; masked"))
-            for start, end in (*whole, *(run for runs in stuck.values() for run in runs)):
-                values[start + 1 : end + 1] = np.nan
-            if slower is not None:
-                notes.append(_between_new(placement, kind, values, *slower, rate_hz))
-        for (start, end), names in sorted(frozen.items()):
-            words, seconds = " and ".join(names), (end - start + 1) / rate_hz
-            what = f"one reading of {words} is repeated for {seconds:.2f} s from {start / rate_hz:.2f} s; masked"
-            notes.append(MASKED.note(what, placement=placement))
-    return signals, tuple(notes)
+                    first = f"for {seconds:.2f} s in all, first at {runs[0][0] / rate_hz:.2f} s"
+                    sentences.append(f"one reading of {signal} is repeated {first}; masked")
+            sentences += jumps + (_between_new(kind, values, *slower, rate_hz) if slower is not None else [])
+    return signals, (*wrapped, *(MASKED.note(sentence, placement=placement) for sentence in sentences))
 
 
 def finest_step(values: np.ndarray) -> float:
@@ -115,16 +93,18 @@ def finest_step(values: np.ndarray) -> float:
     return float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
 
 
-def _impossible(placement: str, signals: dict[str, np.ndarray], rate: float, notes: list[Note]) -> None:
-    """Mask samples beyond the range of any sensor, if they are few."""
+def _impossible(signals: dict[str, np.ndarray], rate: float) -> list[str]:
+    """Mask samples beyond the range of any sensor, if they are few; what is masked, in words, as of all that follow."""
+    sentences = []
     for kind, values in signals.items():
         wrong = (np.abs(values) > at.READINGS[kind]).any(axis=1)
         if 0 < wrong.sum() <= max(at.MOST_IMPOSSIBLE * len(values), 1):
             first = int(np.argmax(wrong))
             worst, unit = values[first][np.argmax(np.abs(values[first]))], SIGNALS[kind][1]
             where = f"{wrong.sum()}, {worst:.4g} {unit} at {first / rate:.2f} s"
-            notes.append(MASKED.note(f"values that no sensor reads: {where}; masked", placement=placement))
+            sentences.append(f"values that no sensor reads: {where}; masked")
             values[wrong] = np.nan
+    return sentences
 
 
 def placeholders_in(values: np.ndarray) -> tuple[float, ...]:
@@ -139,9 +119,7 @@ def placeholders_in(values: np.ndarray) -> tuple[float, ...]:
     return at.PLACEHOLDERS
 
 
-def _placeholders(
-    placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate: float, notes: list[Note]
-) -> None:
+def _placeholders(signals: dict[str, np.ndarray], scales: dict[str, float], rate: float) -> list[str]:
     """Mask samples that hold the number of a missing value, and samples that are zero in all axes."""
     masks: dict[float, np.ndarray] = {}
     zero = np.all([~values.any(axis=1) for values in signals.values()], axis=0)  # NaN counts as not zero
@@ -155,22 +133,23 @@ def _placeholders(
                 masks[number] = masks.get(number, False) | wrong
     if "acc" in signals and zero.any() and zero.mean() < at.MOST_ZEROS:
         masks[0.0] = zero
-    for number, wrong in masks.items():
-        begin = np.argmax(wrong) / rate
-        what = f"samples that hold {number:g} in place of a reading: {wrong.sum()}, first at {begin:.2f} s; masked"
-        notes.append(MASKED.note(what, placement=placement))
-        for values in signals.values():
-            values[wrong] = np.nan
+    for wrong, values in itertools.product(masks.values(), signals.values()):
+        values[wrong] = np.nan
+    return [
+        f"samples that hold {number:g} in place of a reading: {wrong.sum()}, first at {np.argmax(wrong) / rate:.2f} s; "
+        "masked"
+        for number, wrong in masks.items()
+    ]
 
 
 def _spikes(
-    placement: str, kind: str, values: np.ndarray, gyr: np.ndarray, rate: float, notes: list[Note]
-) -> np.ndarray:
+    placement: str, kind: str, values: np.ndarray, gyr: np.ndarray, rate: float
+) -> tuple[np.ndarray, list[str]]:
     """(T,) bool, one or two samples far away from the median around them, where the signal is calm otherwise."""
     least = at.SPIKE[kind][not placement.startswith("foot")]
     spikes, size, change = np.zeros(len(values), bool), 0.0, np.diff(values, axis=0)
     if not np.nanmax(np.abs(change), initial=0.0) > least:
-        return spikes
+        return spikes, []
     padded = np.pad(np.where(np.isfinite(values), values, 0.0), [(2, 2), (0, 0)], mode="edge")
     away = np.abs(values - np.median([padded[k : k + len(values)] for k in range(5)], axis=0))
     odd = away > least
@@ -183,12 +162,9 @@ def _spikes(
         struck = kind == "acc" and (np.isnan(turns).all() or np.nanmax(turns) >= at.IMPACT * away[row, axis])
         if not struck and away[row, axis] > at.CALM_AROUND * around.max(initial=1e-9):
             spikes[row], size = True, max(size, float(away[row, axis]))
-    if spikes.any():
-        signal, unit = SIGNALS[kind]
-        count, begin = spikes.sum(), np.argmax(spikes) / rate
-        what = f"samples of the {signal} that jump from their neighbours by up to {size:.4g} {unit}: {count}"
-        notes.append(MASKED.note(f"{what}, first at {begin:.2f} s; masked", placement=placement))
-    return spikes
+    signal, unit = SIGNALS[kind]
+    what = f"samples of the {signal} that jump from their neighbours by up to {size:.4g} {unit}: {spikes.sum()}"
+    return spikes, [f"{what}, first at {np.argmax(spikes) / rate:.2f} s; masked"] if spikes.any() else []
 
 
 def _unwrap(placement: str, kind: str, values: np.ndarray) -> list[Note]:
@@ -268,13 +244,16 @@ def _repeats(
     return (1 + np.flatnonzero(same), share) if slower else None
 
 
-def _between_new(placement: str, kind: str, values: np.ndarray, again: np.ndarray, share: float, rate: float) -> Note:
+def _between_new(kind: str, values: np.ndarray, again: np.ndarray, share: float, rate: float) -> list[str]:
     """Replace repeated readings by straight lines between the new ones, or mask them if these are too rare."""
     new = np.setdiff1d(np.flatnonzero(np.isfinite(values).all(axis=1)), again)
     dense = new.size > 0 and rate * (1.0 - share) >= 0.99 * at.LEAST_HZ  # a clock is a little off its nominal rate
     values[again] = np.stack([np.interp(again, new, column[new]) for column in values.T], axis=1) if dense else np.nan
     taken = "straight lines are taken between new readings" if dense else "masked, since new ones are too rare"
-    return SLOWER(placement=placement, signal=SIGNALS[kind][0], percent=100.0 * share, taken=taken)
+    return [
+        f"{100.0 * share:.0f} % of the readings of the {SIGNALS[kind][0]} repeat the one before: the sensor is slower "
+        f"than the file states; {taken}"
+    ]
 
 
 def channel_notes(placement: str, imu: Imu) -> list[Note]:
@@ -334,5 +313,6 @@ def without_repeats(read: RangeReadings, imus: Mapping[str, Imu]) -> tuple[Range
     if not runs:
         return read, ()
     seconds = sum(float(time[run[-1]] - time[run[0]]) for run in runs)
-    note = RANGE_STUCK(times=len(runs), seconds=seconds, begin_s=float(time[runs[0][0]] - time[0]))
+    stuck_for = f"for {seconds:.2f} s in all, first at {time[runs[0][0]] - time[0]:.2f} s"
+    note = RANGE_LOST.note(f"readings of feet_range that are repeated while the feet move: {len(runs)}, {stuck_for}")
     return read._replace(distance=np.where(mask, read.distance, 0.0), mask=mask), (note,)

@@ -8,25 +8,11 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from jgait.io.checks import limits as at
-from jgait.notes import Kind, Note
+from jgait.notes import Note
 from jgait.quality import SensorQuality
+from jgait.quality.notes import CONTRADICTS
 from jgait.signal.windows import held_spread, window_size, window_sum
 from jgait.types import Imu, as_float
-
-TURNS_APART = Kind(
-    "turns_apart",
-    "check",
-    "{placement}: in a turn by {degrees:.0f}° it turns {ratio:.2f} times as far as {others}; its gyroscope has a wrong "
-    "sign, order of axes, unit or scale",
-    "All segments of a person turn together. What is computed from this sensor is wrong as well.",
-)
-ONE_TURNS_APART = Kind(
-    "one_turns_apart",
-    "check",
-    "{placement} and {other}: in a turn by {degrees:.0f}° one turns {ratio:.2f} times as far as the other; a "
-    "sign, the order of axes, the unit or the scale is wrong in one of the two",
-    "All segments of a person turn together. What is computed from one of the two sensors is wrong as well.",
-)
 
 
 def lies(imu: Imu, rate_hz: float) -> np.ndarray:
@@ -113,10 +99,17 @@ def turn_notes(
         turn, ratio, whole = _compared(angle, person)
         low, high = at.TURN_FOOT if placement.startswith("foot") or not whole else at.TURN
         if turn >= at.LEAST_TURN and not low <= ratio <= high:
-            others = "the person's other sensors"
-            note = TURNS_APART(placement=placement, degrees=np.rad2deg(turn), ratio=ratio, others=others)
-            notes.append(((placement,), note))
+            notes.append(((placement,), _apart(placement, turn, ratio, "the person's other sensors")))
     return notes
+
+
+def _apart(placement: str, turn: float, ratio: float, others: str) -> Note:
+    """The note about a sensor that turns otherwise than others do."""
+    return CONTRADICTS.note(
+        "{placement}: in a turn by {degrees:.0f}° it turns {ratio:.2f} times as far as {others}; its gyroscope has a "
+        "wrong sign, order of axes, unit or scale",
+        placement=placement, degrees=np.rad2deg(turn), ratio=ratio, others=others,
+    )  # fmt: skip
 
 
 def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[tuple[tuple[str, ...], Note]]:
@@ -128,8 +121,8 @@ def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[
     if not any(size >= at.LEAST_TURN and not low <= each <= high for size, each, _ in ((turn, ratio, True), back)):
         return []
     if (first in accused) != (second in accused):
-        return [((first,), TURNS_APART(placement=first, degrees=np.rad2deg(turn), ratio=ratio, others=second))]
-    return [((first, second), ONE_TURNS_APART(placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio))]
+        return [((first,), _apart(first, turn, ratio, second))]
+    return [((first, second), _apart(f"{first} or {second}", turn, ratio, "the other"))]
 
 
 def _means(values: np.ndarray, samples: int) -> np.ndarray:

@@ -25,7 +25,7 @@ from jgait.io.files import check_file
 from jgait.io.formats.clocks import clock_of
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import KINDS, placement_of
-from jgait.io.rows import SEPARATORS, read_table
+from jgait.io.text import read_table, separator_of, split
 from jgait.io.units import unit_of_columns
 from jgait.notes import AS_READ, Kind, Note
 from jgait.types import RecordingError
@@ -125,8 +125,7 @@ def _head(file: Path) -> list[AxisColumns]:
     with file.open("rb") as stream:
         lines = stream.read(HEAD).decode("utf-8-sig", "replace").splitlines()
     line = next(filter(str.strip, lines), "")
-    cells = line.split(max(SEPARATORS, key=line.count))
-    return _signals([cell.strip().strip('"') for cell in cells], file.stem)
+    return _signals(split(line, separator_of(line)), file.stem)
 
 
 def _key(file: Path) -> str:

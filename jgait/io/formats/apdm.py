@@ -27,7 +27,8 @@ from numpy.typing import ArrayLike
 
 from jgait.io.files import check_columns, check_file, check_size, library, plain, positive, three_columns
 from jgait.io.formats.part import Measured, Part
-from jgait.io.formats.text import rows_of, split, text_lines
+from jgait.io.formats.text import read_rows
+from jgait.io.text import first_lines, head_of, split
 from jgait.notes import DEDUCED, Note
 from jgait.types import RecordingError
 
@@ -81,12 +82,13 @@ def measured(path: Path) -> Measured:
 
 def _csv(path: Path) -> Measured:
     """Every sensor of a CSV, its columns found by the three rows of the header."""
-    lines = text_lines(path, EXPECTED)
+    lines, encoding = first_lines(path)
     if len(lines) < 4:
         raise RecordingError(f"{path.name} has {len(lines)} lines; expected three of a header, and one a sample")
     names, signals, axes = (split(line, ",") for line in lines[:3])
     check_columns(names, path.name)
-    rows = rows_of(path, lines, 3, ",", axes)
+    head = head_of(lines, encoding, 2, ",")
+    rows = read_rows(path, head)
     named = [i for i, name in enumerate(names) if i and name]
     begins, labels = named[::2], [names[i] for i in named[1::2]]
     if not labels or len(begins) != len(labels):

@@ -12,21 +12,19 @@ numbers of the samples (`PacketCounter`, or a `time` that counts). *Axes*: gaitm
 their documentation, else not known.
 """
 
-import itertools
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jgait.io.clock import TIME_UNITS, check_order, count_samples, time_unit_deduced, unit_of_time
-from jgait.io.files import check_columns, check_file, check_size, first_lines, library
-from jgait.io.formats.dialects import BODY_GAITMAP, BODY_MOBGAP, gaitmap_parts, mobgap_part
+from jgait.io.files import check_columns, check_file, check_size, library
+from jgait.io.formats.dialects import BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
-from jgait.io.rows import HEADER_WITHIN, SEPARATORS, header_at, read_table
 from jgait.io.tables import columns_of
+from jgait.io.text import first_lines, header_at, read_table, separator_of, split
 from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
-from jgait.notes import AS_READ, Note
+from jgait.notes import AS_READ
 from jgait.types import PLACEMENTS, RecordingError
 
 if TYPE_CHECKING:
@@ -57,7 +55,7 @@ def measured(path: Path) -> Measured:
             raise RecordingError(f"{path.name} holds no table that is called by a placement, such as foot_left.csv")
         return joined([measured(file) for file in files], path.name)
     check_file(path, EXPECTED)
-    table, cut = _table(path)
+    table, cut = (_parquet(path), ()) if path.suffix.lower() in PARQUET else read_table(path)
     if table.columns.nlevels == 2:
         for clock in [column for column in table.columns if column_of(str(column[0])) == "time"][:1]:
             table = table.set_index(clock).rename_axis("time")
@@ -131,34 +129,9 @@ def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, s
 
 def foreign(path: Path) -> bool:
     """Whether the head of a text table has gaitmap's two rows of names, or mobgap's names of the body's axes."""
-    if not path.is_file():
-        return False
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        head = list(itertools.islice((line for line in stream if line.strip()), 2))
-    rows = [{cell.strip(' "\n').lower() for cell in re.split("[,;\t]", line)} for line in head]
-    gaitmap = len(rows) == 2 and any(set(names[:3]) <= rows[1] for names in (CHANNELS, BODY_GAITMAP))
-    return gaitmap or (bool(rows) and set(BODY_MOBGAP) <= rows[0])
-
-
-def _table(path: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
-    """The table of a file, and the note about a last row that is cut off."""
-    import pandas as pd
-
-    if path.suffix.lower() in PARQUET:
-        return _parquet(path), ()
-    table, notes = read_table(path)
-    lines = first_lines(path, HEADER_WITHIN + 3)
-    above = header_at(lines)
-    rows = [line for line in lines[above:] if line.strip()]
-    separator = max(SEPARATORS, key=rows[0].count)
-    second = [cell.strip().lower() for cell in rows[1].split(separator)]
-    if set(CHANNELS[:3]) <= set(second) or set(BODY_GAITMAP[:3]) <= set(second):
-        # gaitmap's own files begin a row with its number, below the names of the levels.
-        numbered = None if second[0] in (*CHANNELS, *BODY_GAITMAP) else 0
-        decimal = "," if separator != "," and "," in rows[-1] else "."
-        table = pd.read_csv(path, sep=separator, decimal=decimal, header=[0, 1], index_col=numbered,
-                            encoding="utf-8-sig", skiprows=above)  # fmt: skip
-    return table, notes
+    lines, _ = first_lines(path)
+    row, levels = header_at(lines)
+    return levels == 2 or set(BODY_MOBGAP) <= set(split(lines[row].lower(), separator_of(lines[row])))
 
 
 def _parquet(path: Path) -> "pd.DataFrame":

@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_columns, check_file, first_lines, library, no_numbers, numbered, reading
+from jgait.io.files import check_columns, check_file, library, no_numbers, numbered, reading
+from jgait.io.text import first_lines
 from jgait.notes import DEDUCED, Note, record
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
@@ -165,10 +166,7 @@ def _base(column: str) -> str:
 
 def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
     """Its keys in small letters, how many lines before the table's rows, and the names of its columns."""
-    try:
-        lines = first_lines(file, HEADER_LINES)
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{file.name} is not {EXPECTED}, but no text: {error}") from error
+    lines, _ = first_lines(file, HEADER_LINES)
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
         raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines is endheader")

@@ -37,6 +37,6 @@ def _content(rows: Rows) -> Measured:
 
 FORMAT = TextFormat(
     "Gait Up Physilog CSV with a header Time, Gyro X, Gyro Y, Gyro Z, Accel X, …", (".csv", ".txt"), _is_header,
-    _content, units="row",
+    _content,
 )  # fmt: skip
 recognises, measured = FORMAT.recognises, FORMAT.measured

@@ -113,6 +113,6 @@ def _time(rows: Rows, device: str) -> np.ndarray | None:
 
 FORMAT = TextFormat(
     "Shimmer Consensys CSV with a header <device>_Timestamp_Unix_CAL, …_Accel_LN_X_CAL, …, …_Gyro_X_CAL, …",
-    (".csv", ".txt", ".tsv"), _is_header, _content, units="row",
+    (".csv", ".txt", ".tsv"), _is_header, _content,
 )  # fmt: skip
 recognises, measured = FORMAT.recognises, FORMAT.measured

@@ -46,6 +46,6 @@ def _content(rows: Rows) -> Measured:
 
 FORMAT = TextFormat(
     "x-io CSV with a header Timestamp (us) or Time (s), Gyroscope X (deg/s), …, Accelerometer X (g), …", (".csv",),
-    _is_header, _content, units="header", below=True,
+    _is_header, _content, in_header=True, below=True,
 )  # fmt: skip
 recognises, measured = FORMAT.recognises, FORMAT.measured

@@ -1,0 +1,264 @@
+"""Tables in text files: where the header is, what separates cells, units below the header, a last row that is cut off.
+
+Every reader of text finds its header in the first lines (`first_lines`, `Head`); `rows_of` reads the rows below.
+"""
+
+import csv
+import re
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from jgait.io.files import LONGEST_LINE, cells_in_lines, check_brand, check_columns, check_file, check_size
+from jgait.io.names import like_a_signal, unit_in_name
+from jgait.io.units import known_unit, stated_unit
+from jgait.notes import AS_READ, DATA_LOST, Note
+from jgait.types import RecordingError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+SEPARATORS = (",", ";", "\t")
+
+HEADER_WITHIN = 60
+"""[lines] Number of first lines that are searched for a header."""
+
+TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")
+"""Units of time in a row of units."""
+
+
+class Head(NamedTuple):
+    """What the first lines of a text state of the table in it."""
+
+    names: tuple[str, ...]  #: of the columns.
+    above: tuple[str, ...]  #: lines above the header.
+    separator: str
+    first: int  #: number of lines before the first row.
+    units: tuple[str, ...]  #: of the row below the header, without brackets; () where no row states units.
+    decimal: str  #: decimal mark.
+    encoding: str
+
+
+def first_lines(path: Path, number: int = HEADER_WITHIN + 3) -> tuple[list[str], str]:
+    """The first lines of a text, and its encoding: UTF-8, or Windows' Western code where these lines are no UTF-8.
+
+    Raises:
+        RecordingError: if a line is longer than `LONGEST_LINE`, or the file is no text.
+    """
+    with path.open("rb") as stream:
+        lines = [line for _ in range(number) if (line := stream.readline(LONGEST_LINE + 1))]
+    if max(map(len, lines), default=0) > LONGEST_LINE:
+        raise RecordingError(f"{path.name} has a line of more than {LONGEST_LINE} characters; expected a table")
+    raw, encoding = b"".join(lines), "utf-8-sig"
+    if b"\0" in raw:
+        raise RecordingError(f"{path.name} is no text file (it holds bytes 0); expected a table")
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError:
+        encoding = "cp1252"
+        text = raw.decode(encoding, "replace")
+    return [line.rstrip("\r") for line in text.removesuffix("\n").split("\n")], encoding
+
+
+def split(line: str, separator: str) -> tuple[str, ...]:
+    """Cells of a line without blanks and quotes."""
+    try:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=separator != " "), [])
+    except csv.Error:  # a cell of more than 128 kB
+        cells = line.split(separator)
+    return tuple(cell.strip().strip('"').strip() for cell in cells)
+
+
+def separator_of(line: str, separators: Sequence[str] = SEPARATORS) -> str:
+    """What separates the cells of a line: the mark that it has most of."""
+    return max(separators, key=line.count)
+
+
+def head_of(lines: Sequence[str], encoding: str, header: int, separator: str, last: int | None = None) -> Head:
+    """The head of a table whose header begins in a line of its `first_lines`, and ends in the line `last`."""
+    below = [row for row in range((header if last is None else last) + 1, len(lines)) if lines[row].strip()]
+    units = _units(split(lines[below[0]], separator)) if below else ()
+    body = below[1:] if units else below
+    decimal = "," if separator != "," and any("," in lines[row] for row in body or [header]) else "."
+    return Head(split(lines[header], separator), tuple(lines[:header]), separator, body[0] if body else len(lines),
+                units, decimal, encoding)  # fmt: skip
+
+
+def rows_of(path: Path, head: Head, *, strict: bool) -> tuple["pd.DataFrame", tuple[Note, ...]]:
+    """The rows of a table, its columns by position; a last row that is cut off is left out, and noted.
+
+    Args:
+        path: the file.
+        head: of the table.
+        strict: whether a row that is shorter than the others is refused; else its lost cells are empty.
+
+    Raises:
+        RecordingError: if there are no rows, or a row has more cells than the header, or in a strict table less.
+    """
+    import pandas as pd
+
+    columns = len(head.names)
+    cells = cells_in_lines(path, head.separator)
+    rows = head.first + np.flatnonzero(cells[head.first :])
+    if not rows.size:
+        there = ", ".join(filter(None, head.names))
+        raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
+    check_size(8 * len(cells) * columns, path.name)
+    cut = rows.size > 1 and cells[rows[-1]] < cells[rows[-2]]
+    if strict:
+        _check_lengths(cells, rows[: rows.size - cut], columns, path.name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows that are longer than the header
+            table = pd.read_csv(
+                path, sep=head.separator, decimal=head.decimal, header=None, names=range(columns), index_col=False,
+                skiprows=head.first, nrows=rows.size - cut, skipinitialspace=head.separator != " ",
+                encoding=head.encoding, encoding_errors="replace", low_memory=False,
+            )  # fmt: skip
+    except pd.errors.ParserWarning as error:
+        raise RecordingError(f"{path.name} has rows with more values than the header has columns") from error
+    except pd.errors.ParserError as error:
+        raise RecordingError(f"{path.name} is no table: {_why(error, head)}") from error
+    if not cut:
+        return table, ()
+    with path.open("rb") as stream:
+        stream.seek(max(path.stat().st_size - LONGEST_LINE, 0))
+        last = split(stream.read().decode("utf-8", "replace").rstrip().rpartition("\n")[2], head.separator)[-1]
+    text = (
+        "the file ends within a row: line {line} has {cells} of {expected} values, the last of them {value}; this row "
+        "is left out, {rows} rows were read"
+    )
+    counts = {"line": rows[-1] + 1, "cells": cells[rows[-1]], "expected": cells[rows[-2]], "rows": rows.size - 1}
+    return table, (DATA_LOST.note(text, value=repr(last), **counts),)
+
+
+def _check_lengths(cells: np.ndarray, rows: np.ndarray, columns: int, name: str) -> None:
+    """Refuse rows that are not all as long as the header, or longer by a separator at the end."""
+    counts = cells[rows[0] : rows[-1] + 1]
+    if counts[0] not in (columns, columns + 1):
+        raise RecordingError(
+            f"{name}, line {rows[0] + 1}: the header has {columns} columns, the row has {counts[0]} values"
+        )
+    wrong = np.flatnonzero(counts != counts[0])
+    if len(wrong):
+        what = "is cut off" if counts[wrong[0]] < counts[0] else "is too long"
+        raise RecordingError(
+            f"{name}, line {rows[0] + 1 + wrong[0]}: the row {what}: expected {counts[0]} values, "
+            f"found {counts[wrong[0]]}"
+        )
+
+
+def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
+    """A table from a text file with a header; comma, semicolon or tab, decimal point or comma.
+
+    Lines above the header are left out, and noted; units in the row below it are added to the names of the columns.
+    gaitmap's two rows of names become two levels of columns.
+
+    Raises:
+        FileNotFoundError: if there is no such file.
+        RecordingError: if the file is empty, no text, has no rows, or rows that are longer than the header.
+    """
+    import pandas as pd
+
+    check_file(file, "a header and one row a sample")
+    check_brand(file)
+    lines, encoding = first_lines(file)
+    filled = [row for row, line in enumerate(lines) if line.strip()]
+    if not filled:
+        raise RecordingError(f"{file.name} is empty; expected a header and one row a sample")
+    header, levels = header_at(lines)
+    separator = separator_of(lines[header])
+    head = head_of(lines, encoding, header, separator, header + levels - 1)
+    check_columns(head.names, file.name)
+    if levels == 2:
+        numbered = 0 if not _axis(split(lines[header + 1], separator)[0]) else None  # gaitmap's own rows have numbers
+        table, notes = pd.read_csv(
+            file, sep=separator, decimal=head.decimal, header=[0, 1], index_col=numbered, encoding=encoding,
+            skiprows=header,
+        ), tuple[Note, ...]()  # fmt: skip
+    else:
+        table, notes = rows_of(file, head, strict=False)
+    if header != filled[0]:
+        above = f"{filled.index(header)}: {lines[filled[0]].strip()[:80]}, …"
+        notes = (AS_READ.note(f"lines above the header not read: {above}"), *notes)
+    if levels == 2:
+        return table, notes
+    names = list(head.names)
+    if head.units:
+        stated = ", ".join(dict.fromkeys(filter(None, head.units)))
+        notes = (*notes, AS_READ.note(f"the row below the header has units: {stated}"))
+        units = [*head.units, *[""] * len(names)]
+        names = [_with_unit(column, unit, file.name) for column, unit in zip(names, units, strict=False)]
+    table.columns = pd.Index(_different(names))
+    return table, notes
+
+
+def _different(names: Sequence[str]) -> list[str]:
+    """Names as pandas has them: none is empty or twice."""
+    names = [name or f"Unnamed: {k}" for k, name in enumerate(names)]
+    return [f"{name}.{names[:k].count(name)}" if name in names[:k] else name for k, name in enumerate(names)]
+
+
+def header_at(lines: Sequence[str]) -> tuple[int, int]:
+    """The line of the header, and its number of rows: the first line that names three axes of a sensor, or begins two
+    rows of names; the first filled line where none does. A comment is a header only where no other line is one.
+    """
+    for comment in (False, True):
+        for row, line in enumerate(lines[:HEADER_WITHIN]):
+            separator = separator_of(line)
+            if line.startswith(("#", "//")) is comment and sum(map(_axis, split(line, separator))) >= 3:
+                before = split(lines[row - 1], separator) if row else ()
+                two = len(before) == line.count(separator) + 1 and sum(map(bool, before)) > len(before) / 2
+                return (row - 1, 2) if two else (row, 1)
+    return next((row for row, line in enumerate(lines) if line.strip()), 0), 1
+
+
+def _axis(cell: str) -> bool:
+    """Whether the name of a column is that of an axis of a sensor, also in the body frames of gaitmap and mobgap."""
+    return like_a_signal(cell) or re.fullmatch("(gyr|acc)_(pa|ml|si|is)", cell, re.IGNORECASE) is not None
+
+
+def _units(cells: Sequence[str]) -> tuple[str, ...]:
+    """The units in the cells of a row below the header, "" where there is none; () for any other row."""
+    units = tuple(cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell for cell in cells)
+    return units if any(map(_is_unit, units)) and not any(map(is_number, units)) else ()
+
+
+def _is_unit(cell: str) -> bool:
+    return known_unit(cell) is not None or cell in TIMES
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell holds a number, perhaps with a decimal comma."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _with_unit(column: str, unit: str, name: str) -> str:
+    """The name of a column with the unit below it, if it does not state this unit; refuses another one."""
+    stated = stated_unit(column) or unit_in_name(column)
+    if not unit or (stated is not None and (known_unit(stated) or stated) == (known_unit(unit) or unit)):
+        return column
+    if stated is not None and _is_unit(unit):
+        raise RecordingError(
+            f"{name}: the column {column!r} has {unit!r} in the row below the header; correct one of the two units"
+        )
+    return f"{column} [{unit}]"
+
+
+def _why(error: Exception, head: Head) -> str:
+    """The reason in words why the rows do not fit the header."""
+    match = re.search(r"Expected \d+ fields in line (\d+), saw (\d+)", str(error))
+    if not match:
+        return str(error)
+    header = head.separator.join(head.names).strip()[:80]
+    return (
+        f"line {match[1]} has {match[2]} values, and the header {len(head.names)}: {header!r}; "
+        "expected one line with a name for each column, such as foot_left_gyr_x, above the numbers"
+    )
