@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jgait.io.names import column_of
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -60,3 +62,16 @@ def _spelt(texts: "pd.Series") -> "pd.Series":
         dates = pd.to_datetime(days, dayfirst=day_first, errors="coerce", format="mixed")
         readings.append(parts["date"].map(pd.Series(dates, days)) + time)
     return min(readings, key=lambda dates: (dates.isna().sum(), dates.max() - dates.min()))
+
+
+def with_time(table: "pd.DataFrame") -> "pd.DataFrame":
+    """The table with its index as the column `time`, if the index is a clock and no column is."""
+    import pandas as pd
+
+    index = table.index
+    named = column_of(str(index.name)) == "time"
+    if any(column_of(str(column)) == "time" for column in table.columns):
+        return table
+    if not named and not isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex):
+        return table
+    return table.reset_index(names=str(index.name) if named else "time")

@@ -3,16 +3,16 @@
 import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.arrays import recording_in_units
 from jgait.io.atomic import check_path
-from jgait.io.checks.sizes import are_counts, counts_without_unit
-from jgait.io.clock import CLOCK_FROM_DATE, unwrapped
-from jgait.io.dates import date_of, dated
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, time_unit_deduced, unit_of_time, unwrapped
+from jgait.io.dates import dated, with_time
 from jgait.io.files import no_numbers, reading
+from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.settle import settle
 from jgait.io.names import (
     CHANNELS,
     COUNTER,
@@ -24,9 +24,9 @@ from jgait.io.names import (
     placement_of,
     recognised,
     unit_in_name,
-)  # fmt: skip
+)
 from jgait.io.text import read_table
-from jgait.io.units import Unit, unit_of_columns
+from jgait.io.units import unit_of_columns
 from jgait.notes import DATA_LOST, DEDUCED, LEFT_OUT, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
@@ -50,19 +50,6 @@ WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial"
 
 MOST_SENSORS = 20
 """Largest number of values of a column that states of which sensor a row is."""
-
-
-class Columns(NamedTuple):
-    """The signals in the columns of a table, in the table's units."""
-
-    sensors: dict[str, dict[str, np.ndarray]]  #: placement → {"gyr": (T, 3), "acc": (T, 3) or absent}.
-    time: np.ndarray | None  #: (T,) or None.
-    feet_range: np.ndarray | None  #: (T,) or None.
-    others: list[str]  #: names of columns that are not used.
-    notes: tuple[Note, ...]  #: notes about cells without a number, rows of several people or walks, names of columns.
-    time_unit: str | None  #: unit of `time`: "s" of dates, min and h, "ms" or "us" of a name; None: not stated.
-    units: dict[str, dict[str, str]]  #: placement → "gyr", "acc" → unit, as far as the names of the columns state it.
-    begin_s: float | None = None  #: [s] from 1970 to the first date, from which on `time` counts; None without dates.
 
 
 def recording_from_dataframe(
@@ -103,11 +90,11 @@ def recording_from_dataframe(
             the recording is unusable.
     """
     given = {"gyr": gyr_unit, "acc": acc_unit}
-    content = columns_of(
-        table, placement=placement, units_of=[kind for kind, unit in given.items() if unit is None], name=name
-    )
-    if content.time is None and sampling_rate_hz is None:
-        rest = f"; columns that are not of sensors: {', '.join(content.others)}" if content.others else ""
+    units_of = [kind for kind, unit in given.items() if unit is None]
+    content = measured_table(table, placement=placement, units_of=units_of, time_unit=time_unit, name=name)
+    if sampling_rate_hz is None and all(part.time is None and part.packets is None for part in content.parts):
+        left_out = [text for note in content.notes for text in note.values.get("columns", ())]
+        rest = f"; columns that are not of sensors: {', '.join(left_out)}" if left_out else ""
         index = table.index
         if index.name is None and index.dtype.kind == "f" and index.is_monotonic_increasing:
             rest += "; if the index without a name is the time, name it: table.rename_axis('time')"
@@ -116,51 +103,33 @@ def recording_from_dataframe(
             f"given{rest}",
             argument="sampling_rate_hz",
         )
-    units = {
-        where: {
-            kind: Unit(stated[kind], "header") if kind in stated else Unit(given[kind] or usual)
-            for kind, usual in (("gyr", "deg/s"), ("acc", "m/s^2"))
-        }
-        for where, stated in content.units.items()
-    }
-    for where, signals in content.sensors.items():
-        for kind, values in signals.items():
-            if units[where][kind].origin == "argument" and given[kind] is None and are_counts(values):
-                raise counts_without_unit(where, kind, name)
-    recording = recording_in_units(
-        content.sensors,
-        units,
-        time=content.time,
-        feet_range=content.feet_range,
-        sampling_rate_hz=sampling_rate_hz,
-        time_unit=content.time_unit if content.time_unit == "s" else time_unit or content.time_unit,
-        range_unit=range_unit,
-        name=name,
-        subject=subject,
-    )
-    dates = () if content.begin_s is None else (CLOCK_FROM_DATE(date=date_of(content.begin_s)),)
-    return recording._replace(notes=(*dates, *recording.notes, *content.notes))
+    return settle(
+        content, gyr_unit=gyr_unit, acc_unit=acc_unit, range_unit=range_unit, sampling_rate_hz=sampling_rate_hz,
+        usual={"gyr": "deg/s", "acc": "m/s^2"}, subject=subject,
+    )  # fmt: skip
 
 
-def columns_of(
+def measured_table(
     table: "pd.DataFrame",
     *,
     placement: str | None = None,
     units_of: Collection[str] = ("gyr", "acc"),
+    time_unit: str | None = None,
     name: str = "recording",
     placed: bool = False,
-) -> Columns:
-    """The signals in a table, in its units, identified by the names of its columns; see `recording_from_dataframe`.
+) -> Measured:
+    """The sensors in a table, in its units, identified by the names of its columns; see `recording_from_dataframe`.
 
     Args:
         table: one row a sample.
         placement: placement of the sensor, for a table of one sensor.
         units_of: kinds of signal whose unit is taken from the names of their columns.
-        name: name of the recording in messages.
+        time_unit: unit of the times where their name states none; None: deduced from their steps.
+        name: name of the recording.
         placed: True if the table does not state the placements, so that no note says which columns are which.
 
     Raises:
-        RecordingError: if columns are missing or contain no numbers.
+        RecordingError: if columns are missing or contain no numbers, or times have no order or unit.
     """
     if table.columns.nlevels > 1:
         raise RecordingError(
@@ -176,46 +145,58 @@ def columns_of(
     ours = recognised(given, renamed, placement)
     renamed = [ours.get(index, column) for index, column in enumerate(renamed)]
     position = {column: index for index, column in reversed(list(enumerate(renamed)))}
-    if "time" not in position and COUNTER in position:
-        counted = unwrapped(_numbers(table.iloc[:, position[COUNTER]], COUNTER, name))
-        if counted is not None:
-            table = table.assign(**{given[position[COUNTER]]: counted})
-            position["time"] = position[COUNTER]
-    placements_found = _placements(position, given, name)
+    notes: list[Note] = []
+    used = set[int]()
+
+    def numbers(column: str) -> np.ndarray:
+        index = position[column]
+        used.add(index)
+        return _numbers(table.iloc[:, index], given[index], name, notes)
+
     sensors: dict[str, dict[str, np.ndarray]] = {}
-    units: dict[str, dict[str, str]] = {}
-    used = {position["time"]} if "time" in position else set()
-    for where, kinds in placements_found.items():
-        sensors[where], units[where] = {}, {}
-        for kind in kinds:
-            indices = [position[f"{where}_{kind}_{axis}"] for axis in "xyz"]
-            used.update(indices)
-            stated = unit_of_columns([given[i] for i in indices], kind, name) if kind in units_of else None
-            units[where] |= {} if stated is None else {kind: stated}
-            sensors[where][kind] = np.stack([_numbers(table.iloc[:, i], given[i], name) for i in indices], axis=1)
-    notes = [note for i in sorted(used) if (note := _no_number(table.iloc[:, i], given[i]))]
-    for index, name_of_column in enumerate(renamed):
-        whose = list(table.iloc[:, index].dropna().unique()) if name_of_column in WHOSE else []
+    units: dict[str, dict[str, str | None]] = {}
+    for where, kinds in _placements(position, given, name).items():
+        of = {kind: [f"{where}_{kind}_{axis}" for axis in "xyz"] for kind in kinds}
+        sensors[where] = {
+            kind: np.stack([numbers(column) for column in columns], axis=1) for kind, columns in of.items()
+        }
+        units[where] = {
+            kind: unit_of_columns([given[position[column]] for column in columns], kind, name)
+            for kind, columns in of.items() if kind in units_of
+        }  # fmt: skip
+    for index, column in enumerate(renamed):
+        whose = list(table.iloc[:, index].dropna().unique()) if column in WHOSE else []
         if len(whose) > 1:
             first, second = map(str, whose[:2])
             notes.append(ROWS_OF_SEVERAL(column=given[index], values=len(whose), first=first, second=second))
-    time, unit, begin_s = None, None, None
-    if "time" in position:
-        clock = table.iloc[:, position["time"]]
-        if (dates := dated(clock)) is not None:
-            (time, begin_s), unit = dates, "s"
-        else:
-            time, unit = _numbers(clock, "time", name), unit_in_name(given[position["time"]])
+    time, packets, begin_s = None, None, None
+    if "time" in position and (dates := dated(table.iloc[:, position["time"]])) is not None:
+        used.add(position["time"])
+        time, begin_s = dates
+    elif "time" in position:
+        unit = unit_in_name(given[position["time"]])
+        time, stated = numbers("time"), unit or time_unit
         if unit in LONG_UNITS:
-            time, unit = time * LONG_UNITS[unit], "s"
-    apart = None
-    if "feet_range" in position:
-        used.add(position["feet_range"])
-        apart = _numbers(table.iloc[:, position["feet_range"]], "feet_range", name)
+            time, stated = time * LONG_UNITS[unit], "s"
+        if stated is None and count_samples(time):
+            time, packets = None, time
+        elif len(time) > 1:
+            check_order(time, name, stated)
+            unit = unit_of_time(time, stated, name)
+            notes += [] if stated else [time_unit_deduced(unit, time)]
+            time = TIME_UNITS[unit] * time
+    elif COUNTER in position:
+        packets = unwrapped(numbers(COUNTER))
+        used -= {position[COUNTER]} if packets is None else set()
+    feet_range = numbers("feet_range") if "feet_range" in position else None
     others = [column for index, column in enumerate(given) if index not in used]
     matched = [] if placed else [(given[index], renamed[index]) for index in sorted(used & set(ours))]
-    notes += _about(matched, others)
-    return Columns(sensors, time, apart, others, tuple(notes), unit, units, begin_s)
+    parts = [
+        Part(where, signals["gyr"], signals.get("acc"), time, gyr_unit=units[where].get("gyr"),
+             acc_unit=units[where].get("acc"), packets=packets, units_by="header", begin_s=begin_s)
+        for where, signals in sensors.items()
+    ]  # fmt: skip
+    return Measured(parts, name, notes=(*notes, *_about(matched, others)), feet_range=feet_range)
 
 
 def _check_wide(table: "pd.DataFrame", given: list[str], name: str) -> None:
@@ -242,12 +223,10 @@ def _about(matched: list[tuple[str, str]], others: list[str]) -> list[Note]:
     """Notes about columns that were recognised, by the names in the table and in jgait, and about those not used."""
     notes = []
     if matched:
-        every = [f"{theirs!r} as {name}" for theirs, name in matched]
-        sensors = [text for text, (_, name) in zip(every, matched, strict=True) if name != "time"]
-        examples = " and ".join((sensors or every)[:2])
-        notes.append(DEDUCED.note(f"columns recognised by their names: {len(every)}, such as {examples}"))
-    signals = [name for name in others if like_a_signal(name)]
-    if signals:
+        sensors = [pair for pair in matched if pair[1] != "time"] or matched
+        examples = " and ".join(f"{theirs!r} as {ours}" for theirs, ours in sensors[:2])
+        notes.append(DEDUCED.note(f"columns recognised by their names: {len(matched)}, such as {examples}"))
+    if signals := [name for name in others if like_a_signal(name)]:
         notes.append(SIGNALS_LEFT_OUT(columns=signals))
     if rest := [name for name in others if name not in signals]:
         notes.append(LEFT_OUT.note("columns left out: {columns}", columns=rest))
@@ -273,46 +252,22 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
     return placements
 
 
-def _no_number(column: "pd.Series", label: str) -> Note | None:
-    """The note about cells of a column that are no numbers; None if all cells are numbers."""
-    odd = no_numbers(column)
-    if not len(odd) or len(odd) == len(column):
-        return None
-    row = int(np.flatnonzero(column.index == odd.index[0])[0])
-    first = f"the first {odd.iloc[0]!r} in data row {row + 1}"
-    return DATA_LOST.note(f"{label}: cells without a number count as missing: {len(odd)}, {first}")
-
-
-def _hint(value: str) -> str:
-    """What to do about a cell that is no number."""
-    if ":" in value:
-        return ": write times as 2026-05-03 10:00:00.25, or seconds, or leave the column out and give the sampling rate"
-    if "," in value:
-        return ": for decimal commas, separate the columns by semicolons"
-    return ""
-
-
-def with_time(table: "pd.DataFrame") -> "pd.DataFrame":
-    """The table with its index as the column `time`, if the index is a clock and no column is."""
-    import pandas as pd
-
-    index = table.index
-    clock = isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex) or column_of(str(index.name)) == "time"
-    if not clock or any(column_of(str(column)) == "time" for column in table.columns):
-        return table
-    return table.reset_index(names=str(index.name) if column_of(str(index.name)) == "time" else "time")
-
-
-def _numbers(column: "pd.Series", label: str, name: str) -> np.ndarray:
-    """A column as floats; cells without a number become NaN."""
+def _numbers(column: "pd.Series", label: str, name: str, notes: list[Note]) -> np.ndarray:
+    """A column as floats; cells without a number become NaN, which is noted."""
     import pandas as pd
 
     values = pd.to_numeric(column, errors="coerce").to_numpy(np.float64, na_value=np.nan)
-    if len(values) and not np.isfinite(values).any() and column.notna().any():
-        raise RecordingError(
-            f"{name}: column {label!r} holds no numbers; its first value is {column.dropna().iloc[0]!r}"
-            f"{_hint(str(column.dropna().iloc[0]))}"
-        )
+    odd = no_numbers(column)
+    if len(odd) and not np.isfinite(values).any():
+        first = str(odd.iloc[0])
+        hint = ": for decimal commas, separate the columns by semicolons" if "," in first else ""
+        if ":" in first:
+            hint = ": write times as 2026-05-03 10:00:00.25, or seconds, or leave the column out and give the sampling rate"
+        raise RecordingError(f"{name}: column {label!r} holds no numbers; its first value is {odd.iloc[0]!r}{hint}")
+    if len(odd):
+        row = int(np.flatnonzero(column.index == odd.index[0])[0])
+        first = f"the first {odd.iloc[0]!r} in data row {row + 1}"
+        notes.append(DATA_LOST.note(f"{label}: cells without a number count as missing: {len(odd)}, {first}"))
     return values
 
 
@@ -345,14 +300,7 @@ def read_csv(
     with reading(file, "a table"):
         table, notes = read_table(file)
         recording = recording_from_dataframe(
-            table,
-            placement=placement,
-            sampling_rate_hz=sampling_rate_hz,
-            time_unit=time_unit,
-            gyr_unit=gyr_unit,
-            acc_unit=acc_unit,
-            range_unit=range_unit,
-            name=name or file.stem,
-            subject=subject or name or file.stem,
-        )
+            table, placement=placement, sampling_rate_hz=sampling_rate_hz, time_unit=time_unit, gyr_unit=gyr_unit,
+            acc_unit=acc_unit, range_unit=range_unit, name=name or file.stem, subject=subject or name or file.stem,
+        )  # fmt: skip
         return recording._replace(notes=(*notes, *recording.notes))

@@ -17,9 +17,8 @@ from jgait.io.clock import (
     steadied,
     unit_of_time,
 )  # fmt: skip
-from jgait.io.dates import dated
+from jgait.io.dates import dated, with_time
 from jgait.io.names import column_of, unit_in_name
-from jgait.io.tables import with_time
 from jgait.notes import AS_READ, DATA_LOST, Kind, Note
 from jgait.types import RecordingError
 

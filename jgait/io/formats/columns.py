@@ -15,12 +15,11 @@ their documentation, else not known.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.clock import TIME_UNITS, check_order, count_samples, time_unit_deduced, unit_of_time
 from jgait.io.files import check_columns, check_file, check_size, library
 from jgait.io.formats.dialects import BODY_MOBGAP, gaitmap_parts, mobgap_part
-from jgait.io.formats.part import Measured, Part, joined
+from jgait.io.formats.part import Measured, joined
 from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
-from jgait.io.tables import columns_of
+from jgait.io.tables import measured_table
 from jgait.io.text import first_lines, header_at, read_table, separator_of, split
 from jgait.io.units import stated_unit
 from jgait.io.write import PARQUET
@@ -71,36 +70,12 @@ def measured(path: Path) -> Measured:
         )
     if set(CHANNELS[:3]) <= {column_of(column) for column in plain}:
         # The table does not state the placement: any placement can be used to get the columns.
-        columns = columns_of(table, placement="waist", name=path.name, placed=True)
-        labels = {"waist": path.stem}
+        labels, content = {"waist": path.stem}, measured_table(table, placement="waist", name=path.name, placed=True)
     else:
         table, labels = _placed_anywhere(table)
-        columns = columns_of(table, name=path.name, placed=bool(labels))
-    notes, time = [*cut, *columns.notes], columns.time
-    packets = None
-    if time is not None and columns.time_unit is None and count_samples(time):
-        time, packets = None, time
-    if time is not None and len(time) > 1:
-        check_order(time, path.name, columns.time_unit)
-        unit = unit_of_time(time, columns.time_unit, path.name)
-        if columns.time_unit is None:
-            notes.append(time_unit_deduced(unit, time))
-        time = TIME_UNITS[unit] * time
-    parts = [
-        Part(
-            labels.get(where, where),
-            signals["gyr"],
-            signals.get("acc"),
-            time,
-            gyr_unit=columns.units[where].get("gyr"),
-            acc_unit=columns.units[where].get("acc"),
-            packets=packets,
-            units_by="header",
-            begin_s=columns.begin_s,
-        )
-        for where, signals in columns.sensors.items()
-    ]
-    return Measured(parts, path.stem, notes=tuple(notes), feet_range=columns.feet_range)
+        content = measured_table(table, name=path.name, placed=bool(labels))
+    parts = [part._replace(label=labels.get(part.label, part.label)) for part in content.parts]
+    return content._replace(parts=parts, name=path.stem, notes=(*cut, *content.notes))
 
 
 def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, str]]:

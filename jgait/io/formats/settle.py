@@ -29,7 +29,9 @@ def settle(
     placements: Mapping[str, str] | None = None,
     gyr_unit: str | None = None,
     acc_unit: str | None = None,
+    range_unit: str | None = None,
     sampling_rate_hz: float | None = None,
+    usual: Mapping[str, str] | None = None,
     name: str | None = None,
     subject: str | None = None,
 ) -> Recording:
@@ -41,7 +43,9 @@ def settle(
             names, and left out, with a note, where at least one other could be placed.
         gyr_unit: overrules the file.
         acc_unit: overrules the file.
+        range_unit: unit of the range between the feet; None: deduced.
         sampling_rate_hz: [Hz] for files that do not state it.
+        usual: "gyr", "acc" → unit where the file states none, as in tables of jgait's own columns; None: deduced.
         name: name of the recording in tables and figures; None: as `measured`.
         subject: name of the person; None: as `measured`, or the name of the recording.
 
@@ -53,10 +57,10 @@ def settle(
     notes = list(measured.notes)
     placed = _placed(measured.parts, placements or {}, called, notes)
     placed = on_one_counter(placed, called, notes)
-    given = {"gyr": gyr_unit, "acc": acc_unit}
-    units_by_kind = {kind: _units(placed, kind, unit, called, notes) for kind, unit in given.items()}
+    given, usual = {"gyr": gyr_unit, "acc": acc_unit}, usual or {}
+    units_by_kind = {kind: _units(placed, kind, unit, usual.get(kind), called, notes) for kind, unit in given.items()}
     units = {where: {kind: units_by_kind[kind][where] for kind in given} for where in placed}
-    for where, part in placed.items():
+    for where, part in placed.items() if not usual else ():
         notes += _which_way_up(part, where)
     sensors = {
         where: {
@@ -65,20 +69,15 @@ def settle(
         }
         for where, part in placed.items()
     }  # fmt: skip
+    apart = measured.feet_range
+    if range_unit is None and apart is not None and np.isfinite(as_float(apart)).any():
+        range_unit = _by_size("feet_range", {"feet_range": as_float(apart)}, called, notes)["feet_range"]
     time, rate_hz = one_clock(placed, sensors, sampling_rate_hz, called, notes)
     recording = recording_in_units(
-        sensors,
-        units,
-        time=time,
-        feet_range=measured.feet_range,
-        range_unit=_by_size("feet_range", {"feet_range": as_float(measured.feet_range)}, called, notes)["feet_range"]
-        if measured.feet_range is not None and np.isfinite(as_float(measured.feet_range)).any()
-        else "m",
-        time_unit=None if time is None else "s",
-        sampling_rate_hz=rate_hz,
-        name=called,
+        sensors, units, time=time, feet_range=apart, range_unit=range_unit or "m", sampling_rate_hz=rate_hz,
+        time_unit=None if time is None else "s", name=called,
         subject=(measured.subject or called) if subject is None else subject,
-    )
+    )  # fmt: skip
     begins = {part.begin_s for part in placed.values()}
     if time is not None and len(begins) == 1 and (begin_s := begins.pop()) is not None:
         notes.append(CLOCK_FROM_DATE(date=date_of(begin_s + float(time[0]))))
@@ -128,8 +127,10 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
     return placed
 
 
-def _units(placed: Mapping[str, Part], kind: str, chosen: str | None, name: str, notes: list[Note]) -> dict[str, Unit]:
-    """Placement → unit of a signal: given, stated by the file, or deduced from its size."""
+def _units(
+    placed: Mapping[str, Part], kind: str, chosen: str | None, usual: str | None, name: str, notes: list[Note]
+) -> dict[str, Unit]:
+    """Placement → unit of a signal: given, stated by the file, the usual one, or deduced from its size."""
     units, unknown = {}, {}
     for where, part in placed.items():
         stated = part.gyr_unit if kind == "gyr" else part.acc_unit
@@ -138,9 +139,9 @@ def _units(placed: Mapping[str, Part], kind: str, chosen: str | None, name: str,
         if chosen is None and stated is None and np.isfinite(signal).all(axis=1).any():
             if are_counts(signal):
                 raise counts_without_unit(where, kind, name)
-            unknown[where] = signal
-        by = "argument" if chosen is not None else part.units_by if stated is not None else "signals"
-        units[where] = Unit(chosen or stated or next(iter(BY_SIZE[kind].limits)), by)
+            unknown |= {where: signal} if usual is None else {}
+        by = part.units_by if chosen is None and stated is not None else "argument"
+        units[where] = Unit(chosen or stated or usual or next(iter(BY_SIZE[kind].limits)), by)
     heavy = {where: signal for where, signal in unknown.items() if kind == "gyr" or measures_gravity(signal)}
     if unknown and not heavy:
         raise RecordingError(f"{name}: the accelerometer of {next(iter(unknown))} does not measure gravity{NO_GRAVITY}")
