@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jgait.io.files import check_columns, check_file, check_size, library, plain, positive, three_columns
-from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.part import Measured, Part, on_one_zero
 from jgait.io.formats.text import read_rows
 from jgait.io.text import first_lines, head_of, split
 from jgait.notes import DEDUCED, Note
@@ -70,14 +70,12 @@ def measured(path: Path) -> Measured:
     with file:
         _check_content(file, h5py, path.name)
         try:
-            sensors = _new(file, h5py, path.name) if "Sensors" in file else _old(file, h5py, path.name, notes)
+            parts = _parts(file, h5py, path.name, notes)
         except OSError as error:  # h5py raises it for incomplete data
             raise RecordingError(f"{path.name} cannot be read in full: {error}") from error
-    first = min((int(stamps[0]) for _, stamps, _ in sensors if stamps is not None), default=0)
-    parts = [_on_clock(part, stamps, rate, first, path.name, notes) for part, stamps, rate in sensors]
     if any(part.time is None for part in parts):
-        parts = [part._replace(time=None) for part in parts]
-    return Measured(parts, path.stem, notes=tuple(notes))
+        parts = [part._replace(time=None, begin_s=None) for part in parts]
+    return Measured(on_one_zero(parts, path.name), path.stem, notes=tuple(notes))
 
 
 def _csv(path: Path) -> Measured:
@@ -116,10 +114,6 @@ def _csv(path: Path) -> Measured:
     return Measured(parts, path.stem, notes=rows.notes)
 
 
-Sensor = tuple[Part, "np.ndarray | None", "float | None"]
-"""A sensor, its time stamps as the file has them, and its rate."""
-
-
 def _check_content(file: "h5py.File", h5py: ModuleType, name: str) -> None:
     """Refuse a file of too many values, or whose content lies in other files: reading it would read any file."""
     datasets: dict[str, Any] = {}
@@ -138,46 +132,37 @@ def _values(dataset: "h5py.Dataset", where: str) -> np.ndarray:
     return np.asarray(dataset[()])
 
 
-def _new(file: "h5py.File", h5py: ModuleType, name: str) -> list[Sensor]:
-    """Version 5."""
-    result = []
-    group = file["Sensors"]
-    sensors = {key: group[key] for key in group if isinstance(group[key], h5py.Group)} if hasattr(group, "keys") else {}
-    if not sensors:
-        raise RecordingError(f"{name} is not {EXPECTED}: its group Sensors holds no sensor")
-    for key, sensor in sensors.items():
-        about = dict(sensor["Configuration"].attrs) if "Configuration" in sensor else {}
-        label = plain(about.get("Label 0", "")) or key
-        where = f"{name}: Sensors/{key}"
-        result.append(_sensor(sensor, ("Gyroscope", "Accelerometer"), label, about.get("Sample Rate"), sensor, where))
-    return result
-
-
-def _old(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) -> list[Sensor]:
-    """Up to version 4."""
-    sensors = {key: file[key] for key in file if isinstance(file[key], h5py.Group) and "Calibrated" in file[key]}
-    if not sensors:
-        raise RecordingError(
-            f"{name} is not {EXPECTED}: expected the group Sensors, or groups <case id>/Calibrated; it has "
-            f"{', '.join(file) or 'nothing'}"
-        )
-    cases, labels = _strings(file, "CaseIdList"), _strings(file, "MonitorLabelList")
-    if cases and len(cases) == len(labels):
-        label_of = dict(zip(cases, labels, strict=True))
+def _parts(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) -> list[Part]:
+    """The sensors of a file of any version."""
+    if "Sensors" in file:
+        group, inner = file["Sensors"], ""
+        signals, rate = ("Gyroscope", "Accelerometer"), "Sample Rate"
     else:
-        label_of = {}
+        group, inner = file, "Calibrated"
+        signals, rate = ("Gyroscopes", "Accelerometers"), "SampleRate"
+    sensors = {key: group[key] for key in group if isinstance(group[key], h5py.Group)} if hasattr(group, "keys") else {}
+    sensors = {key: sensor for key, sensor in sensors.items() if not inner or inner in sensor}
+    if not sensors:
+        there = "its group Sensors holds no sensor" if not inner else (
+            f"expected the group Sensors, or groups <case id>/Calibrated; it has {', '.join(file) or 'nothing'}"
+        )  # fmt: skip
+        raise RecordingError(f"{name} is not {EXPECTED}: {there}")
+    cases, labels = (_strings(file, key) if inner else [] for key in ("CaseIdList", "MonitorLabelList"))
+    label_of = dict(zip(cases, labels, strict=True)) if len(cases) == len(labels) else {}
+    if inner and not label_of:
         notes.append(
             DEDUCED.note("CaseIdList and MonitorLabelList do not name the sensors; they are named by their case ids")
         )
-    result = []
+    parts = []
     for key, sensor in sensors.items():
-        about = dict(sensor.attrs)
-        stated = plain(about.get("MonitorLabel", ""))
+        about = (
+            dict(sensor.attrs) if inner else dict(sensor["Configuration"].attrs) if "Configuration" in sensor else {}
+        )
+        stated = plain(about.get("MonitorLabel" if inner else "Label 0", ""))
         label = label_of.get(key) or label_of.get(key.removeprefix("Opal_")) or stated or key
-        where = f"{name}: {key}/Calibrated"
-        signals = ("Gyroscopes", "Accelerometers")
-        result.append(_sensor(sensor["Calibrated"], signals, label, about.get("SampleRate"), sensor, where))
-    return result
+        where = f"{name}: {key}/Calibrated" if inner else f"{name}: Sensors/{key}"
+        parts.append(_part(sensor[inner] if inner else sensor, signals, label, about.get(rate), sensor, where, notes))
+    return parts
 
 
 def _strings(file: "h5py.File", key: str) -> list[str]:
@@ -186,9 +171,11 @@ def _strings(file: "h5py.File", key: str) -> list[str]:
     return [plain(value) for value in np.atleast_1d(values)]
 
 
-def _sensor(
-    group: "h5py.Group", signals: tuple[str, str], label: str, rate: ArrayLike | None, timed: "h5py.Group", where: str
-) -> Sensor:
+def _part(
+    group: "h5py.Group", signals: tuple[str, str], label: str, rate: ArrayLike | None, timed: "h5py.Group", where: str,
+    notes: list[Note],
+) -> Part:  # fmt: skip
+    """One sensor, on its clock if that runs, else by its rate."""
     rates, force = signals
     if rates not in group:
         raise RecordingError(f"{where} has no {rates}; it has {', '.join(group) or 'nothing'}")
@@ -196,23 +183,15 @@ def _sensor(
     acc = None
     if force in group:
         acc = three_columns(_values(group[force], f"{where}/{force}"), f"{where}/{force}", len(gyr))
-    stamps = None
-    if "Time" in timed:
-        stamps = _values(timed["Time"], f"{where}: Time").ravel()
-        if stamps.shape != (len(gyr),):
-            raise RecordingError(f"{where}: Time must have shape ({len(gyr)},); it has {stamps.shape}")
-    part = Part(label, gyr, acc, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES)
-    return part, stamps if stamps is not None and len(stamps) else None, positive(rate)
-
-
-def _on_clock(
-    part: Part, stamps: np.ndarray | None, rate: float | None, first: int, name: str, notes: list[Note]
-) -> Part:
-    """The part with its time in seconds since the first sample of all."""
-    if stamps is not None and stamps[-1] > stamps[0]:
+    part = Part(label, gyr, acc, None, positive(rate), gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES)
+    stamps = _values(timed["Time"], f"{where}: Time").ravel() if "Time" in timed else np.zeros(len(gyr))
+    if stamps.shape != (len(gyr),):
+        raise RecordingError(f"{where}: Time must have shape ({len(gyr)},); it has {stamps.shape}")
+    if len(stamps) and stamps[-1] > stamps[0]:
         # Microseconds since 1970 are exact as integers; as floats of seconds they are not.
-        return part._replace(time=(stamps.astype(np.int64) - first) * 1e-6, sampling_rate_hz=rate)
-    if rate is None:
-        raise RecordingError(f"{name}: the sensor {part.label!r} has neither Time that runs nor a sample rate")
-    notes.append(DEDUCED.note(f"{part.label}: Time does not run; the file's rate of {rate:g} Hz counts"))
-    return part._replace(sampling_rate_hz=rate)
+        since = stamps.astype(np.int64) - int(stamps[0])
+        return part._replace(time=1e-6 * since, begin_s=1e-6 * float(stamps[0]))
+    if part.sampling_rate_hz is None:
+        raise RecordingError(f"{where}: the sensor {label!r} has neither Time that runs nor a sample rate")
+    notes.append(DEDUCED.note(f"{label}: Time does not run; the file's rate of {part.sampling_rate_hz:g} Hz counts"))
+    return part

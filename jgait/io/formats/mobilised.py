@@ -26,7 +26,7 @@ from jaxtyping import PyTree
 
 from jgait.io.files import Tree, check_file, check_size, library, positive, reading, three_columns
 from jgait.io.formats.clocks import CLOCKS_APART
-from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.part import Measured, Part, on_one_zero
 from jgait.io.formats.settle import settle
 from jgait.io.names import placement_of
 from jgait.notes import AS_READ, LEFT_OUT, Note
@@ -89,17 +89,14 @@ def read_mobilised(
 
 def _measured(path: Path, trial: str | None) -> Measured:
     every = _trials(path)
-    if trial is None:
-        if len(every) > 1:
-            raise RecordingError(
-                f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised with "
-                f"{{argument}}: {', '.join(every)}",
-                argument="trial",
-                value=next(iter(every)),
-            )
-        chosen = list(every)
-    else:
-        chosen = [key for key in every if key == trial] or [key for key in every if f"/{key}".endswith(f"/{trial}")]
+    if trial is None and len(every) > 1:
+        raise RecordingError(
+            f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised with "
+            f"{{argument}}: {', '.join(every)}",
+            argument="trial",
+            value=next(iter(every)),
+        )
+    chosen = [key for key in every if trial in (None, key)] or [key for key in every if key.endswith(f"/{trial}")]
     if len(chosen) != 1:
         what = f"has no trial {trial!r}" if not chosen else f"has {len(chosen)} trials that end in {trial!r}"
         raise RecordingError(f"{path.name} {what}; its trials are {', '.join(chosen or every)}")
@@ -182,42 +179,42 @@ def _of_trial(path: Path, trial: str, tree: Tree) -> Measured:
     """The sensors of one trial."""
     where = f"{path.name}, {trial}"
     notes, left_out = list[Note](), list[str]()
-    parts, starts, worn = list[Part](), list[float | None](), set[str]()
-    for each in (device for device in DEVICES if isinstance(tree.get(device), dict)):
-        for place, sensor in tree[each].items():
+    parts, worn = list[Part](), set[str]()
+    for device in (device for device in DEVICES if isinstance(tree.get(device), dict)):
+        for place, sensor in tree[device].items():
             if not isinstance(sensor, dict) or "Gyr" not in sensor:
-                left_out.append(f"{each}.{place} (no gyroscope)")
+                left_out.append(f"{device}.{place} (no gyroscope)")
             elif {place, placement_of(place)} & worn:
-                left_out.append(f"{each}.{place} (another device was worn there)")
+                left_out.append(f"{device}.{place} (another device was worn there)")
             else:
-                part, start = _part(place, sensor, f"{where}: {each}.{place}", notes)
-                parts.append(part)
-                starts.append(start)
+                parts.append(_part(place, sensor, f"{where}: {device}.{place}", notes))
                 worn |= {place, placement_of(place) or place}
     if not parts:
         raise RecordingError(f"{where} has no sensor with a gyroscope, Gyr; it has {', '.join(left_out) or 'none'}")
     if left_out:
         notes.append(LEFT_OUT.note(f"left out: {', '.join(left_out)}"))
-    if "StartDateTime" in tree:
-        notes.append(AS_READ.note(f"recorded {tree['StartDateTime']}"))
+    if any(part.begin_s is None for part in parts):
+        parts = [part._replace(time=None, begin_s=None) for part in parts]
     folder = path.absolute().parent.name
-    return Measured(_on_one_clock(parts, starts), f"{folder}/{trial}", folder, tuple(notes))
+    return Measured(on_one_zero(parts, where), f"{folder}/{trial}", folder, tuple(notes))
 
 
-def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part, float | None]:
-    """One sensor on a clock from 0, and when that was [Unix s]; without time stamps None."""
+def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> Part:
+    """One sensor on a clock from 0, and when that was; without time stamps on none."""
     gyr = three_columns(sensor["Gyr"], f"{where}.Gyr")
     acc = three_columns(sensor["Acc"], f"{where}.Acc", len(gyr)) if "Acc" in sensor else None
     rates = sensor.get("Fs")
     if not isinstance(rates, dict) or "Gyr" not in rates:
         raise RecordingError(f"{where} has no sampling rate Fs.Gyr; it has {', '.join(sensor)}")
-    rate = _rate(rates["Gyr"], where)
-    if acc is not None and "Acc" in rates and _rate(rates["Acc"], where) != rate:
+    rate = positive(rates["Gyr"])
+    if rate is None:
+        raise RecordingError(f"{where}.Fs must be positive; it is {rates['Gyr']}")
+    if acc is not None and positive(rates.get("Acc", rate)) != rate:
         raise RecordingError(f"{where}: Acc and Gyr must share a rate; Fs states {rates['Acc']} and {rates['Gyr']} Hz")
     axes = AXES if placement_of(place) == "lower_back" else ""
     part = Part(place, gyr, acc, np.arange(len(gyr)) / rate, rate, "deg/s", "g", axes=axes)
     if "Timestamp" not in sensor or not len(gyr):
-        return part, None
+        return part
     stamps = np.asarray(sensor["Timestamp"], np.float64).ravel()
     if stamps.shape != (len(gyr),):
         raise RecordingError(f"{where}.Timestamp must have shape ({len(gyr)},); it has {stamps.shape}")
@@ -226,21 +223,4 @@ def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> tuple[Part
         differs = f"Timestamp differs from samples at {rate:g} Hz by more than half a sample; it is used"
         notes.append(AS_READ.note(differs, placement=place))
         part = part._replace(time=since)
-    return part, float(stamps[0])
-
-
-def _rate(value: PyTree, where: str) -> float:
-    rate = positive(value)
-    if rate is None:
-        raise RecordingError(f"{where}.Fs must be positive; it is {value}")
-    return rate
-
-
-def _on_one_clock(parts: list[Part], starts: list[float | None]) -> list[Part]:
-    """Seconds since the first sample of all; samples alone where a sensor has no time stamps."""
-    first = min((start for start in starts if start is not None), default=0.0)
-    placed = [
-        part._replace(time=None if part.time is None or start is None else part.time + (start - first))
-        for part, start in zip(parts, starts, strict=True)
-    ]
-    return placed if all(part.time is not None for part in placed) else [part._replace(time=None) for part in placed]
+    return part._replace(begin_s=float(stamps[0]))

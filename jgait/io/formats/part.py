@@ -61,11 +61,11 @@ def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
         for part in measured.parts
     ]
     called = name or every[0].name
-    return Measured(_by_dates(parts, called), called, every[0].subject, notes)
+    return Measured(on_one_zero(parts, called), called, every[0].subject, notes)
 
 
-def _by_dates(parts: list[Part], name: str) -> list[Part]:
-    """The parts with one 0 of their times, where the last of them begins, if they have dates."""
+def on_one_zero(parts: list[Part], name: str) -> list[Part]:
+    """The parts with one 0 of their times, where the last of them begins, if they have dates; errors as of `joined`."""
     spans = [
         (part.begin_s, part.begin_s + float(np.nanmax(part.time)), part.label)
         for part in parts if part.begin_s is not None and part.time is not None
@@ -84,14 +84,15 @@ def _by_dates(parts: list[Part], name: str) -> list[Part]:
             f"{name}: the sensors' clocks do not overlap: {last} begins at {date_of(begin_s)}, {first} ends at "
             f"{date_of(end_s)}"
         )
+
+    def since(time: np.ndarray | None, part: Part) -> np.ndarray | None:
+        shift = 0.0 if part.begin_s is None else part.begin_s - begin_s
+        return None if time is None else np.round(time + shift, 6)  # a double since 1970
+
     return [
-        part
-        if part.begin_s is None or part.time is None
-        else part._replace(
-            # a double since 1970
-            time=np.round(part.time + (part.begin_s - begin_s), 6),
-            acc_time=None if part.acc_time is None else np.round(part.acc_time + (part.begin_s - begin_s), 6),
-            begin_s=begin_s,
+        part._replace(
+            time=since(part.time, part), acc_time=since(part.acc_time, part),
+            begin_s=None if part.begin_s is None else begin_s,
         )
         for part in parts
-    ]
+    ]  # fmt: skip
