@@ -15,16 +15,17 @@ from jgait import simulate
 from jgait.estimators.combined import compare
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.waist.notes import GYROSCOPE_CONTRADICTS, WALKING_MISSED
-from jgait.io.checks import gravity, order, pace, readings, sides
+from jgait.io.checks import order, pace, readings
 from jgait.mounting.places import PLACES_EXCHANGED
 from jgait.notes import Kind
+from jgait.quality import notes as quality_notes
 from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import Recording, RecordingError
 
 CODES = {
-    kind.code for module in (gravity, order, pace, readings, sides)
+    kind.code for module in (order, pace, readings, quality_notes)
     for kind in vars(module).values() if isinstance(kind, Kind)
-} - {"channel_clipped", "channel_constant", "accelerometer_coarse", "range_stuck"}  # fmt: skip
+} - {"channel_clipped", "channel_constant", "accelerometer_coarse", "range_lost"}  # fmt: skip
 """Codes of the readers' notes about damage."""
 
 ANALYSED = {

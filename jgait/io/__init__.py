@@ -8,8 +8,7 @@ from jgait.io.arrays import recording_from_arrays
 from jgait.io.checks import quality_notes
 from jgait.io.combined import analysis_to_dataframes
 from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
-from jgait.io.formats.c3d import read_c3d
-from jgait.io.formats.c3d_axes import Capture, CaptureEvent
+from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
 from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mobgap
 from jgait.io.formats.mobilised import mobilised_trials, read_mobilised
 from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim

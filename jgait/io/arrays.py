@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from jgait.estimators.walking import walking_alone
 from jgait.io.checks import contradictions, quality_notes
 from jgait.io.checks.readings import RANGE_LOST, without_damage, without_repeats
-from jgait.io.checks.sizes import RANGE_UNITS, check_range, usable_sensors
+from jgait.io.checks.sizes import COUNTS_GIVEN, RANGE_UNITS, are_counts, check_range, usable_sensors
 from jgait.io.clock import SampleTimes, make_clock
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
 from jgait.notes import AS_READ, DATA_LOST, Note
@@ -89,10 +89,8 @@ def recording_in_units(
         }
         for placement, each in units.items()
     }
-    units = {
-        placement: {kind: unit._replace(name=known_unit(unit.name) or unit.name) for kind, unit in each.items()}
-        for placement, each in units.items()
-    }
+    units = {placement: {kind: unit._replace(name=str(known_unit(unit.name))) for kind, unit in each.items()}
+             for placement, each in units.items()}  # fmt: skip
     metres = unit_scale(range_unit, RANGE_UNITS, "range_unit")
     if not sensors:
         raise RecordingError(f"{name} has no sensor; expected at least one of {', '.join(PLACEMENTS)}")
@@ -109,6 +107,9 @@ def recording_in_units(
         masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz, twice)
         imus[placement] = _imu(masked, clock)
         notes_of[placement] += _asleep(placement, read)
+        unit = units[placement]["gyr"]
+        if unit.origin == "argument" and unit.name in ("mdeg/s", "mrad/s") and are_counts(as_float(signals["gyr"])):
+            notes_of[placement] += (COUNTS_GIVEN(placement=placement, unit=unit.name),)
         damaged = np.any([np.isfinite(v) & np.isnan(masked[k]) for k, v in read.items()], axis=(0, 2))
         noted[placement] = (clock.rows < 0) | damaged[clock.rows]
     imus, left_out = usable_sensors(imus, units, name)
@@ -171,17 +172,15 @@ def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int
     """Check the names and shapes of one sensor's signals; returns its number of samples."""
     if placement not in PLACEMENTS:
         near = difflib.get_close_matches(placement, PLACEMENTS, 1, 0.6)
-        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(PLACEMENTS)}"
-        raise RecordingError(f"{name}: there is no placement {placement!r}{hint}")
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(PLACEMENTS)}"
+        raise RecordingError(f"{name}: there is no placement {placement!r}; {hint}")
     if signals.get("gyr") is None:
         raise RecordingError(f"{name}: {placement} needs 'gyr' of shape (T, 3); it has {sorted(signals)}")
-    for kind in ("gyr", "acc"):
-        if signals.get(kind) is None:
-            continue
+    for kind in (kind for kind in ("gyr", "acc") if signals.get(kind) is not None):
         shape = np.shape(signals[kind])
         if len(shape) != 2 or shape[1] != 3:
             raise RecordingError(f"{name}: {kind} of {placement} must have shape (T, 3); got {shape}")
-        if samples is not None and shape[0] != samples:
+        if samples not in (None, shape[0]):
             raise RecordingError(f"{name}: {kind} of {placement} has {shape[0]} samples; the others have {samples}")
         samples = shape[0]
     return int(samples or 0)

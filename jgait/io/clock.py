@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from jgait.estimators.checks import FEWEST_SAMPLES
-from jgait.notes import DATA_LOST, DEDUCED, LOSSES, Kind, Note
+from jgait.io.dates import date_of
+from jgait.notes import DATA_LOST, DEDUCED, Kind, Note
 from jgait.types import RecordingError, as_float
 
 LONGEST_STEP_S = 0.11
@@ -19,8 +20,8 @@ hundred ticks, which would be 3000 Hz in us."""
 LATEST = 5.0
 """[samples] Largest step backwards that the jitter of times explains; chosen, a few times the sample time."""
 
-LONGEST_GAP_S = 10.0
-MOST_INSERTED = 100  # samples for each row of a file; with more, nothing of the recording is left
+LONGEST_GAP_S = 10.0  # [s] longest gap that is filled
+MOST_INSERTED = 100  # [1] samples for each row of a file; with more, nothing of the recording is left
 BURST, PACKETS = 3.0, 0.02  # [1] mean step over the median, and share of longer steps, of stamps in bursts; chosen
 REPEATED = 0.01
 """[1] Largest share of rows that repeat the time, or the packet number, before them; with more, the column is no clock.
@@ -47,26 +48,20 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Unit of time → s."""
 
 
-CLOCK_FROM_FIRST = Kind(
-    "clock_from_first", "info", "times count from the first sample, which has the time {begin_s:.3f} s in the file",
-    "Add this time to those of the tables and figures to compare them with the file, or with another system's clock.",
+CLOCK_BEGINS = Kind(
+    "clock_begins", "info", "",
+    "Add this time to those of the tables and figures to compare them with the file, or with another system's clock. "
+    "Dates with a time zone are in UTC; of a date such as 03/04/2026 day and month may have changed places.",
 )  # fmt: skip
-CLOCK_FROM_DATE = Kind(
-    "clock_from_date", "info", "times count from {date}, the date of the first sample",
-    "Add times of the results to this date to compare them with the file; dates with a time zone are in UTC. Of a date "
-    "such as 03/04/2026 day and month may have changed places.",
+"""The time of the first sample in the file, as `begin_s` [s] or as a `date`; times count from it."""
+TIMES_CORRECTED = Kind(
+    "times_corrected", "corrected", "",
+    "A sensor samples evenly. Rows that got the times at which they arrived were moved to even times, signals with "
+    "clocks of their own to one clock; all times may be late by about the jitter.",
 )  # fmt: skip
-STAMPS_JITTER = Kind(
-    "stamps_jitter", "corrected",
-    "the time stamps jitter by {jitter_ms:.2g} ms about samples every {step_ms:.4g} ms; the samples are taken to be "
-    "evenly spaced",
-    "A sensor samples evenly; its rows got the times at which they arrived. All times may be late by about the jitter.",
-)  # fmt: skip
-GAPS_FILLED = Kind(
-    "gaps_filled", "check",
-    "{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
-    "{inserted:sample|samples} inserted and masked",
-    LOSSES, of_all=True,
+GAPS_FILLED = DATA_LOST._replace(
+    text="{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
+    "{inserted:sample|samples} inserted and masked", of_all=True,
 )  # fmt: skip
 
 
@@ -95,13 +90,16 @@ def make_clock(
     """
     if samples < FEWEST_SAMPLES:
         raise RecordingError(f"{name} has {samples} samples; at least {FEWEST_SAMPLES} are needed")
-    if sampling_rate_hz is not None:
-        _check_rate(sampling_rate_hz, name)
+    if sampling_rate_hz is not None and not (np.isfinite(sampling_rate_hz) and sampling_rate_hz > 0):
+        raise _rate_needed(f"{name}: {{argument}} must be positive; got {sampling_rate_hz}")
+    if sampling_rate_hz is not None and sampling_rate_hz * LONGEST_STEP_S < 1.0:
+        least = f"walking needs at least {1.0 / LONGEST_STEP_S:.2g} Hz"
+        raise _rate_needed(f"{name}: {{argument}} is {sampling_rate_hz:.4g} Hz; {least}")
+    if time is None and sampling_rate_hz is None:
+        raise _rate_needed(
+            f"{name} has {samples} samples without time stamps, so {{argument}} is needed; it was not given"
+        )
     if time is None:
-        if sampling_rate_hz is None:
-            raise _rate_needed(
-                f"{name} has {samples} samples without time stamps, so {{argument}} is needed; it was not given"
-            )
         return SampleTimes(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
     stamps, notes = as_float(time), list[Note]()
     if stamps.shape != (samples,):
@@ -123,11 +121,11 @@ def make_clock(
     unit = unit_of_time(stamps, time_unit, name)
     if not time_unit:
         notes.append(time_unit_deduced(unit, stamps))
-    seconds = (stamps - stamps[0]) * TIME_UNITS[unit]
-    begin = float(stamps[0]) * TIME_UNITS[unit]
+    seconds, begin = (stamps - stamps[0]) * TIME_UNITS[unit], float(stamps[0]) * TIME_UNITS[unit]
     begin = begin if abs(begin) > 1.5 * float(np.median(np.diff(seconds))) else 0.0
     if begin:
-        notes.append(CLOCK_FROM_FIRST(begin_s=begin))
+        first = "times count from the first sample, which has the time {begin_s:.3f} s in the file"
+        notes.append(CLOCK_BEGINS.note(first, begin_s=begin))
     seconds, counts, step = steadied(seconds, notes)
     # without the rounding of sums, which differs between recordings of different length
     rate = float(f"{1.0 / step:.9g}")
@@ -143,16 +141,13 @@ def make_clock(
     return SampleTimes(filled, np.where(rows < 0, -1, fresh[rows]), rate_hz, tuple(notes), begin)
 
 
+def date_note(since_1970: float) -> Note:
+    """The note about the date [s since 1970] of the first sample."""
+    return CLOCK_BEGINS.note("times count from {date}, the date of the first sample", date=date_of(since_1970))
+
+
 def _rate_needed(text: str) -> RecordingError:
     return RecordingError(text, argument="sampling_rate_hz")
-
-
-def _check_rate(rate_hz: float, name: str) -> None:
-    if not (np.isfinite(rate_hz) and rate_hz > 0):
-        raise _rate_needed(f"{name}: {{argument}} must be positive; got {rate_hz}")
-    if rate_hz * LONGEST_STEP_S < 1.0:
-        least = 1.0 / LONGEST_STEP_S
-        raise _rate_needed(f"{name}: {{argument}} is {rate_hz:.4g} Hz; walking needs at least {least:.2g} Hz")
 
 
 def check_inserted(samples: int, rows: int, name: str) -> None:
@@ -222,21 +217,17 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
             f"{where}: the clock stepped back, or another recording begins: split the recording there, and do not sort "
             "the rows, which mixes those of two times"
         )
-    rows = _rows_a_second(float(step.mean()), stated)
     raise _rate_needed(
         f"{where}. If they are samples of their own (packets, coarse stamps), leave out the time and give "
-        f"{{argument}}: {rows}. Drop rows only if they are copies"
+        f"{{argument}}: {_rows_a_second(step, stated)}. Drop rows only if they are copies"
     )
 
 
-def _likely_unit(step: float, stated: str | None) -> str:
-    """The unit of steps of this length: the stated one if it is known, or else the largest that is not too long."""
-    likely = (unit for unit, scale in TIME_UNITS.items() if step * scale <= LONGEST_STEP_S)
-    return stated if stated in TIME_UNITS else next(likely, "ns")
-
-
-def _rows_a_second(step: float, stated: str | None) -> str:
-    return f"there are {1.0 / (step * TIME_UNITS[_likely_unit(step, stated)]):.4g} rows a second"
+def _rows_a_second(steps: np.ndarray, stated: str | None) -> str:
+    """The rate of rows with these steps, in the stated unit or else the largest that makes them short enough."""
+    likely = (unit for unit, scale in TIME_UNITS.items() if steps.mean() * scale <= LONGEST_STEP_S)
+    unit = stated if stated in TIME_UNITS else next(likely, "ns")
+    return f"there are {1.0 / (steps.mean() * TIME_UNITS[unit]):.4g} rows a second"
 
 
 def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
@@ -247,24 +238,21 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
             of packets, whose samples have the time at which the packet arrived, almost.
     """
     steps = np.diff(stamps)
-    step, long = float(np.median(steps)), steps > BURST * float(np.median(steps))
-    if steps.mean() > BURST * step and long.mean() >= PACKETS:
-        mean, period = float(steps.mean()), float(np.median(steps[long]))
-        unit = _likely_unit(mean, stated)
+    step = float(np.median(steps))
+    if steps.mean() > BURST * step and np.mean(steps > BURST * step) >= PACKETS:
         raise _rate_needed(
-            f"{name}: the time stamps come in bursts: rows are {step:.3g} {unit} apart, then {period:.3g} {unit}, as "
-            f"in packets sent by radio; {_rows_a_second(mean, stated)}. Leave out the time and give {{argument}}"
+            f"{name}: the time stamps come in bursts, as in packets sent by radio; {_rows_a_second(steps, stated)}. "
+            "Leave out the time and give {argument}"
         )
     lengths = {unit: step * scale for unit, scale in TIME_UNITS.items()}
-    usual = [unit for unit, length in lengths.items() if SHORTEST_USUAL_S <= length <= LONGEST_STEP_S]
-    if not stated and not usual:
+    unit = stated or next((u for u, length in lengths.items() if SHORTEST_USUAL_S <= length <= LONGEST_STEP_S), None)
+    if unit is None:
         rates = ", ".join(f"{1.0 / length:.4g} Hz in {unit}" for unit, length in lengths.items())
         raise RecordingError(
             f"{name}: the time's steps are {step:.4g}, so the sampling rate would be {rates}; "
             f"expected {1.0 / LONGEST_STEP_S:.2g} to {1.0 / SHORTEST_USUAL_S:g} Hz. Write the time in s; divide ticks "
             "of a clock by their number in a second, such as 32768"
         )
-    unit = stated or usual[0]
     if unit not in TIME_UNITS:
         raise RecordingError(f"{name}: time_unit must be one of {', '.join(map(repr, TIME_UNITS))}; got {unit!r}")
     fits = [candidate for candidate, length in lengths.items() if SHORTEST_STEP_S <= length <= LONGEST_STEP_S]
@@ -299,7 +287,11 @@ def steadied(seconds: np.ndarray, notes: list[Note]) -> tuple[np.ndarray, np.nda
     late = seconds - step * position
     blocks = np.array_split(np.arange(len(seconds)), max(len(seconds) // STEADY, 1))
     slow = np.interp(position, [position[b].mean() for b in blocks], [np.median(late[b]) for b in blocks])
-    notes.append(STAMPS_JITTER(jitter_ms=1e3 * float(np.std(late - slow)), step_ms=1e3 * step))
+    jitters = (
+        "the time stamps jitter by {jitter_ms:.2g} ms about samples every {step_ms:.4g} ms; the samples are taken to "
+        "be evenly spaced"
+    )
+    notes.append(TIMES_CORRECTED.note(jitters, jitter_ms=1e3 * float(np.std(late - slow)), step_ms=1e3 * step))
     even = step * position + slow
     return even - even[0], counts, step
 
@@ -336,9 +328,6 @@ def _fill_gaps(seconds: np.ndarray, counts: np.ndarray, name: str, notes: list[N
     check_inserted(int(position[-1]) + 1, len(seconds), name)
     rows = np.full(position[-1] + 1, -1)
     rows[position] = np.arange(len(seconds))
-    notes.append(
-        GAPS_FILLED(
-            gaps=(counts > 1).sum(), longest_s=gaps[longest], begin_s=seconds[longest], inserted=(rows < 0).sum()
-        )
-    )
+    many = {"gaps": (counts > 1).sum(), "inserted": (rows < 0).sum()}
+    notes.append(GAPS_FILLED(longest_s=gaps[longest], begin_s=seconds[longest], **many))
     return np.interp(np.arange(len(rows)), position, seconds), rows

@@ -116,7 +116,7 @@ def _samples(seconds: "np.ndarray", rate: float) -> np.ndarray:
     return np.round(np.asarray(seconds, np.float64) * rate).astype(np.int64)
 
 
-def _sides(names: "np.ndarray | list[str]") -> "pd.Categorical":
+def _sides(names: "np.ndarray | pd.Series") -> "pd.Categorical":
     import pandas as pd
 
     return pd.Categorical(names, categories=["left", "right"])
@@ -126,35 +126,27 @@ def _contacts(estimate: Estimate, table: "pd.DataFrame", rate: float) -> "pd.Dat
     """Initial contacts in the estimate's diagnostics, or else those at the ends of its strides."""
     import pandas as pd
 
-    diagnostics = estimate.diagnostics
-    if "initial_contact" in diagnostics and "initial_contact_side" in diagnostics:
-        ic = _samples(as_float(diagnostics["initial_contact"]), rate)
-        side = np.asarray(SIDES, dtype=object)[np.asarray(diagnostics["initial_contact_side"]).astype(int)]
+    listed = [estimate.diagnostics.get(name) for name in ("initial_contact", "initial_contact_side")]
+    if not any(values is None for values in listed):
+        seconds, side = as_float(listed[0]), np.asarray(SIDES, dtype=object)[np.asarray(listed[1]).astype(int)]
     else:
-        ic = np.concatenate([_samples(table[name].to_numpy(), rate) for name in ("start_s", "end_s")])
-        side = np.concatenate([table["side"].to_numpy(dtype=object)] * 2)
-    contacts = pd.DataFrame({"ic": ic, "lr_label": side}).drop_duplicates().sort_values("ic", kind="stable")
-    contacts = contacts.reset_index(drop=True).rename_axis(index="step_id")
-    return contacts.assign(lr_label=_sides(contacts["lr_label"].to_numpy(dtype=object)))
+        seconds, side = table[["start_s", "end_s"]].to_numpy().T.ravel(), np.tile(table["side"].to_numpy(object), 2)
+    contacts = pd.DataFrame({"ic": _samples(seconds, rate), "lr_label": side}).drop_duplicates()
+    contacts = contacts.sort_values("ic", kind="stable", ignore_index=True).rename_axis(index="step_id")
+    return contacts.assign(lr_label=_sides(contacts["lr_label"]))
 
 
 def _strides(table: "pd.DataFrame", rate: float) -> "pd.DataFrame":
-    import pandas as pd
-
+    table = table.sort_values("start_s", kind="stable")
     begin, end = table["start_s"].to_numpy(np.float64), table["end_s"].to_numpy(np.float64)
-    order = np.argsort(begin, kind="stable")
-    begin, end, table = begin[order], end[order], table.iloc[order]
-    columns = pd.DataFrame({
-        "wb_id": bout_numbers(begin, end), "s_id": table["s_id"].to_numpy(), "start": _samples(begin, rate),
-        "end": _samples(end, rate), "lr_label": _sides(table["side"].to_numpy(dtype=object)),
-        "stride_duration_s": end - begin, "cadence_spm": 120.0 / (end - begin),
-    })  # fmt: skip
-    for name in ("stride_length_m", "walking_speed_mps"):
-        if name in table:
-            values = table[name].to_numpy(np.float64)
-            columns[name] = np.where(values > 0.0, values, np.nan)
-    columns["regular"] = table["regular"].to_numpy(bool)
-    return columns.set_index(["wb_id", "s_id"])
+    kept = ["s_id", *(name for name in ("stride_length_m", "walking_speed_mps") if name in table), "regular"]
+    columns = table[kept].assign(
+        wb_id=bout_numbers(begin, end), start=_samples(begin, rate), end=_samples(end, rate),
+        lr_label=_sides(table["side"]), stride_duration_s=end - begin, cadence_spm=120.0 / (end - begin),
+    ).set_index(["wb_id", "s_id"])  # fmt: skip
+    columns[kept[1:-1]] = columns[kept[1:-1]].where(columns[kept[1:-1]] > 0.0)
+    first = ["start", "end", "lr_label", "stride_duration_s", "cadence_spm"]
+    return columns[[*first, *kept[1:]]]
 
 
 def _bouts(strides: "pd.DataFrame", contacts: "pd.DataFrame", rate: float) -> "pd.DataFrame":

@@ -61,14 +61,9 @@ def reading(path: Path, expected: str) -> Iterator[None]:
 
 def numbered(names: Sequence[str], notes: list[Note]) -> list[str]:
     """Unique names: of those that stand for several signals, all but the first get a number; they are noted."""
-    counts: dict[str, int] = {}
-    unique = []
-    for name in names:
-        counts[name] = counts.get(name, 0) + 1
-        unique.append(name if counts[name] == 1 else f"{name}#{counts[name]}")
-    if len(counts) < len(names):
-        repeated = ", ".join(name for name, times in counts.items() if times > 1)
-        notes.append(AS_READ.note(f"names that stand for several signals got numbers: {repeated}"))
+    unique = [name if name not in names[:k] else f"{name}#{names[: k + 1].count(name)}" for k, name in enumerate(names)]
+    if repeated := [name for k, name in enumerate(names) if names[:k].count(name) == 1]:
+        notes.append(AS_READ.note(f"names that stand for several signals got numbers: {', '.join(repeated)}"))
     return unique
 
 

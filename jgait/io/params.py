@@ -101,44 +101,37 @@ def read_params[P](path: str | os.PathLike[str], params: P, *, estimator: str) -
     """
     file = params_file(path)
     whole = _read(file)
-    with reading(file, "a file of parameters"):
-        rows = {name: _number(name, row["value"], file) for name, row in whole["parameters"].items()}
-        stated = {name: str(row["unit"]) for name, row in whole["parameters"].items() if "unit" in row}
     if whole["format"] != FORMAT:
         raise RecordingError(f"{file} has format {whole['format']}; this version of jgait reads {FORMAT}")
     if whole["estimator"] != estimator:
         raise RecordingError(f"{file} holds parameters of {whole['estimator']}; {estimator} is wanted")
     flat, structure = jax.tree_util.tree_flatten_with_path(params)
-    names = [jax.tree_util.keystr(where).lstrip(".") for where, _ in flat]
-    unknown = [name for name in rows if name not in names]
-    if unknown:
-        raise RecordingError(f"{file} names a parameter {unknown[0]!r} that {estimator} does not have")
-    for name, unit in units(params).items():
-        if stated.get(name, unit) != unit:
-            raise RecordingError(f"{file} states {name} in {stated[name]!r}; {unit!r} is wanted, with the value in it")
-    for name, (_, value) in zip(names, flat, strict=True):
-        if np.shape(rows.get(name, value)) != np.shape(value):
-            raise RecordingError(
-                f"{file} has {name} of shape {np.shape(rows[name])}; {np.shape(value)} is wanted; of a fit with values "
-                "per subject, write those of one person, fit.of(subject)"
-            )
+    values = {jax.tree_util.keystr(where).lstrip("."): value for where, value in flat}
     limits = jax.tree.leaves(ranges(params), is_leaf=lambda leaf: isinstance(leaf, Transform))
-    for name, limit in zip(names, limits, strict=True):
-        outside = name in rows and not np.all((rows[name] >= limit.low) & (rows[name] <= limit.high))
-        if outside or (name in rows and limit.name.startswith(positive.name) and np.any(rows[name] == 0.0)):
-            raise RecordingError(
-                f"{file}: {name} must be {limit.low:g} to {limit.high:g} {units(params)[name]}; it is {rows[name]}"
-            )
-    values = [rows.get(name, value) for name, (_, value) in zip(names, flat, strict=True)]
-    return jax.tree.unflatten(structure, values), whole["made"]
+    limit_of, unit_of = dict(zip(values, limits, strict=True)), units(params)
+    with reading(file, "a file of parameters"):
+        for name, row in whole["parameters"].items():
+            if name not in values:
+                raise RecordingError(f"{file} names a parameter {name!r} that {estimator} does not have")
+            stated, unit = str(row.get("unit", unit_of[name])), unit_of[name]
+            if stated != unit:
+                raise RecordingError(f"{file} states {name} in {stated!r}; {unit!r} is wanted, with the value in it")
+            values[name] = _checked(f"{file}: {name}", row["value"], np.shape(values[name]), limit_of[name], unit)
+    return jax.tree.unflatten(structure, list(values.values())), whole["made"]
 
 
-def _number(name: str, value: PyTree, file: Path) -> np.ndarray:
+def _checked(what: str, value: PyTree, shape: tuple[int, ...], limit: Transform, unit: str) -> np.ndarray:
     """A finite number, or lists of them, of a parameter in a file. Raises RecordingError for anything else."""
     leaves = jax.tree.leaves(value, is_leaf=lambda leaf: leaf is None)
     if not leaves or not all(type(leaf) in (int, float) and math.isfinite(leaf) for leaf in leaves):
-        raise RecordingError(f"{file}: {name} must be a finite number; it is {value!r}")
+        raise RecordingError(f"{what} must be a finite number; it is {value!r}")
     number: np.ndarray = np.asarray(value, np.float64)[()]
+    if np.shape(number) != shape:
+        per_subject = "of a fit with values per subject, write those of one person, fit.of(subject)"
+        raise RecordingError(f"{what} of shape {np.shape(number)}; {shape} is wanted; {per_subject}")
+    outside = not np.all((number >= limit.low) & (number <= limit.high))
+    if outside or (limit.name.startswith(positive.name) and np.any(number == 0.0)):
+        raise RecordingError(f"{what} must be {limit.low:g} to {limit.high:g} {unit}; it is {number}")
     return number
 
 
@@ -171,10 +164,8 @@ def _read(file: Path) -> dict[str, PyTree]:
         raise FileNotFoundError(f"{file}: there is no such file of parameters")
     with reading(file, "a file of parameters"):
         whole = json.loads(file.read_text(encoding="utf-8"))
-        needed = ("format", "estimator", "parameters")
-        lacking = [name for name in needed if not isinstance(whole, dict) or name not in whole]
-        if lacking:
-            raise RecordingError(
-                f"{file}: expected a file of parameters, as `jgait tune` writes it; it has no {lacking[0]!r}"
-            )
+        for name in ("format", "estimator", "parameters"):
+            if not isinstance(whole, dict) or name not in whole:
+                written = "expected a file of parameters, as `jgait tune` writes it"
+                raise RecordingError(f"{file}: {written}; it has no {name!r}")
         return {**whole, "estimator": str(whole["estimator"]), "made": dict(whole.get("made", {}))}

@@ -102,29 +102,20 @@ def reference_from_tables(
             f"'distance_m'; got {distance!r}{'' if samples is None else ' and a table of samples'}"
         )
     at = as_float(time)
-    legs: dict[str, LegTrajectory | None] = dict.fromkeys(SIDES)
-    feet: dict[str, FootTrajectory | None] = dict.fromkeys(SIDES)
-    way, valid = None, np.ones(len(at), bool)
-    if samples is not None:
-        columns, valid = _at(at, samples)
-        if not valid.any():
-            ours, theirs = (f"{float(t[0]):g} to {float(t[-1]):g} s" for t in (at, samples["time_s"].to_numpy()))
-            raise RecordingError(
-                f"the reference has samples from {theirs}, the recording from {ours}: no time in common"
-            )
-        none = np.full(len(at), np.nan)
-        for side in SIDES:
-            hip, knee = (columns.get(f"{joint}_angle_{side}_deg") for joint in ("hip", "knee"))
-            if hip is not None and knee is not None:
-                path = [columns.get(f"{axis}_{side}_m", none) for axis in "xy"]
-                legs[side] = LegTrajectory(np.deg2rad(hip), np.deg2rad(knee), *path)
-            place = [columns.get(f"position_{axis}_{side}_m") for axis in "xyz"]
-            if not any(axis is None for axis in place):
-                feet[side] = FootTrajectory(np.stack([part for part in place if part is not None], axis=1), None, None)
-        way = columns.get("distance_m")
+    columns, valid = ({}, np.ones(len(at), bool)) if samples is None else _at(at, samples)
+    none = np.full(len(at), np.nan)
+    legs, feet = dict[str, LegTrajectory](), dict[str, FootTrajectory]()
+    for side in SIDES:
+        angles = [columns[name] for joint in ("hip", "knee") if (name := f"{joint}_angle_{side}_deg") in columns]
+        if len(angles) == 2:
+            path = [columns.get(f"{axis}_{side}_m", none) for axis in "xy"]
+            legs[side] = LegTrajectory(*map(np.deg2rad, angles), *path)
+        place = [columns[name] for axis in "xyz" if (name := f"position_{axis}_{side}_m") in columns]
+        if len(place) == 3:
+            feet[side] = FootTrajectory(np.stack(place, axis=1), None, None)
     reference = Estimate(
-        at, Legs(**legs), None, way, valid, {}, None if strides is None else strides_from_dataframe(strides),
-        Feet(**feet) if any(foot is not None for foot in feet.values()) else None,
+        at, Legs(*map(legs.get, SIDES)), None, columns.get("distance_m"), valid, {},
+        None if strides is None else strides_from_dataframe(strides), Feet(*map(feet.get, SIDES)) if feet else None,
     )  # fmt: skip
     _check_units(reference)
     if distance is None:
@@ -135,9 +126,8 @@ def reference_from_tables(
 
 def _check_units(reference: Estimate) -> None:
     """Raise if numbers are far from those of walking people."""
-    strides, way, seconds = 0, 0.0, max(float(np.ptp(as_float(reference.time))), 1e-9)
-    if reference.strides is not None and np.any(reference.strides.valid):
-        table = reference.strides
+    valid, table, strides, way = np.asarray(reference.valid, bool), reference.strides, 0, 0.0
+    if table is not None and np.any(table.valid):
         known = np.asarray(table.valid, bool)
         strides, length = int(known.sum()), float(np.median(as_float(table.length)[known]))
         lasts = float(np.median((as_float(table.end) - as_float(table.start))[known]))
@@ -148,25 +138,21 @@ def _check_units(reference: Estimate) -> None:
                 f"columns 'start_s' and 'end_s' are in seconds; a stride of the table lasts {lasts:.4g}"
             )
     if reference.distance is not None:
-        way = float(np.ptp(as_float(reference.distance)[np.asarray(reference.valid, bool)]))
+        time, distance = as_float(reference.time)[valid], as_float(reference.distance)[valid]
+        way, seconds = float(np.ptp(distance)), max(float(np.ptp(as_float(reference.time))), 1e-9)
         if way > FASTEST * seconds:
             raise RecordingError(f"column 'distance_m' is in metres; {way:.4g} m in {seconds:.4g} s is no walking")
-        _check_steps(reference)
+        if table is not None:
+            _check_steps(table, time, distance)
     for side, leg in zip(SIDES, reference.legs, strict=True):
-        knee = None if leg is None else np.rad2deg(as_float(leg.knee_angle)[np.asarray(reference.valid, bool)])
-        if knee is not None and (way > LEAST_WAY or strides >= LEAST_STRIDES) and float(np.ptp(knee)) < LEAST_KNEE_DEG:
-            raise RecordingError(
-                f"column 'knee_angle_{side}_deg' is in degrees; it varies by {float(np.ptp(knee)):.2g}, which in "
-                "walking is the angle in radians"
-            )
+        bends = 180.0 if leg is None else float(np.ptp(np.rad2deg(as_float(leg.knee_angle)[valid])))
+        if (way > LEAST_WAY or strides >= LEAST_STRIDES) and bends < LEAST_KNEE_DEG:
+            varies = f"it varies by {bends:.2g}, which in walking is the angle in radians"
+            raise RecordingError(f"column 'knee_angle_{side}_deg' is in degrees; {varies}")
 
 
-def _check_steps(reference: Estimate) -> None:
+def _check_steps(strides: Strides, time: np.ndarray, distance: np.ndarray) -> None:
     """Raise if stride lengths are half of the distance in the same time."""
-    strides, there = reference.strides, np.asarray(reference.valid, bool)
-    if strides is None or reference.distance is None:
-        return
-    time, distance = as_float(reference.time)[there], as_float(reference.distance)[there]
     start, end = as_float(strides.start), as_float(strides.end)
     known = np.asarray(strides.valid, bool) & (start >= time[0]) & (end <= time[-1])
     length = float(as_float(strides.length)[known].sum())
@@ -200,31 +186,26 @@ def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
         field: _numbers(table, column) / scale
         for column, (field, scale) in STRIDE_COLUMNS.items() if field and column in table
     }  # fmt: skip
-    start, end = _numbers(table, "start_s"), _numbers(table, "end_s")
-    contact = _numbers(table, "final_contact_s") if "final_contact_s" in table else None
-    standing = {name: _numbers(table, f"{name}_s") for name in ("standing", "standing_end") if f"{name}_s" in table}
-    none = np.full(len(table), np.nan)
-    valid = np.isfinite(start) & np.isfinite(end) & np.isfinite(fields["length"])
+    times = {name: _numbers(table, f"{name}_s") for name in TIMES if f"{name}_s" in table}
+    start, end, length = times["start"], times["end"], fields["length"]
+    valid = np.isfinite(start) & np.isfinite(end) & np.isfinite(length)
     if np.any(end[valid] <= start[valid]):
         raise RecordingError("every stride must end (end_s) after it starts (start_s); a row of the table does not")
-    if (least := float(np.min(fields["length"][valid], initial=0.0))) < 0.0:
+    if (least := float(np.min(length[valid], initial=0.0))) < 0.0:
         raise RecordingError(f"column 'stride_length_m' has no negative lengths; got {least:.4g}")
-    if zeros := int(np.sum(fields["length"][valid] == 0.0)):
-        raise RecordingError(
-            f"column 'stride_length_m' has {zeros} of {int(valid.sum())} lengths that are 0; leave cells of lengths "
-            "that are not known empty"
-        )
+    if zeros := int(np.sum(length[valid] == 0.0)):
+        empty = "lengths that are 0; leave cells of lengths that are not known empty"
+        raise RecordingError(f"column 'stride_length_m' has {zeros} of {int(valid.sum())} {empty}")
     for number, side in enumerate(SIDES):
         rows = np.flatnonzero(valid & (sides.to_numpy() == number))
-        rows = rows[np.argsort(start[rows], kind="stable")]
-        for first, then in itertools.pairwise(rows):
+        for first, then in itertools.pairwise(rows[np.argsort(start[rows], kind="stable")]):
             if end[first] - start[then] > OVERLAP * min(end[first] - start[first], end[then] - start[then]):
-                raise RecordingError(
-                    f"strides of the {side} foot overlap, {start[first]:g} to {end[first]:g} s and {start[then]:g} to "
-                    f"{end[then]:g} s; a row is twice in the table of strides, or has the wrong side"
-                )
-    return Strides(**{"width": none, "height": none, **fields, **standing}, side=sides.to_numpy(np.int64), start=start,
-                   final_contact=contact, end=end, valid=valid)  # fmt: skip
+                spans = f"{start[first]:g} to {end[first]:g} s and {start[then]:g} to {end[then]:g} s"
+                why = "a row is twice in the table of strides, or has the wrong side"
+                raise RecordingError(f"strides of the {side} foot overlap, {spans}; {why}")
+    none = np.full(len(table), np.nan)
+    return Strides(**({"width": none, "height": none, "final_contact": None} | fields | times),
+                   side=sides.to_numpy(np.int64), valid=valid)  # fmt: skip
 
 
 def _numbers(table: "pd.DataFrame", column: str) -> np.ndarray:
@@ -245,14 +226,17 @@ def _at(time: np.ndarray, samples: "pd.DataFrame") -> tuple[dict[str, np.ndarray
             f"column 'time_s' of a reference is in seconds, with {1.0 / SLOWEST_S:g} samples a second or more; its "
             f"samples are {step:.4g} s apart; if the distance is known at the end alone, give distance= without samples"
         )
-    names = [name for name in SAMPLES if name in samples]
-    columns = {name: _numbers(samples, name) for name in names}
-    known = np.logical_and.reduce([np.isfinite(values) for values in columns.values()] or [np.zeros(len(given), bool)])
+    columns = {name: _numbers(samples, name) for name in SAMPLES if name in samples}
+    known = np.isfinite(list(columns.values())).all(axis=0) if columns else np.zeros(len(given), bool)
     if "valid" in samples:
         known &= samples["valid"].astype(bool).to_numpy()
     if not known.any():
         raise RecordingError("a table of samples needs a sample in which every column of the reference has a number")
-    there, farthest = given[known], FARTHEST * float(np.median(np.diff(given)))
+    there = given[known]
     after = np.minimum(np.searchsorted(there, time), len(there) - 1)
     apart = np.minimum(np.abs(time - there[after]), np.abs(time - there[np.maximum(after - 1, 0)]))
-    return {name: np.interp(time, there, values[known]) for name, values in columns.items()}, apart <= farthest
+    valid = apart <= FARTHEST * step
+    if not valid.any():
+        ours, theirs = (f"{float(t[0]):g} to {float(t[-1]):g} s" for t in (time, given))
+        raise RecordingError(f"the reference has samples from {theirs}, the recording from {ours}: no time in common")
+    return {name: np.interp(time, there, values[known]) for name, values in columns.items()}, valid

@@ -262,7 +262,7 @@ def _numbers(column: "pd.Series", label: str, name: str, notes: list[Note]) -> n
         first = str(odd.iloc[0])
         hint = ": for decimal commas, separate the columns by semicolons" if "," in first else ""
         if ":" in first:
-            hint = ": write times as 2026-05-03 10:00:00.25, or seconds, or leave the column out and give the sampling rate"
+            hint = ": write times as 2026-05-03 10:00:00.25, or seconds, or leave them out and give the sampling rate"
         raise RecordingError(f"{name}: column {label!r} holds no numbers; its first value is {odd.iloc[0]!r}{hint}")
     if len(odd):
         row = int(np.flatnonzero(column.index == odd.index[0])[0])

@@ -6,7 +6,7 @@ import pytest
 from experiments.common import replay
 from experiments.common.replay import JointCentres, LegCentres
 from jgait.geometry.vectors import GRAVITY
-from jgait.io.formats.c3d_axes import Capture
+from jgait.io.formats.c3d import Capture
 from jgait.types import SIDES, RecordingError
 
 THIGH, SHANK = 0.42, 0.40

@@ -10,16 +10,14 @@ import pytest
 from experiments.damage import harm
 from jgait import io, simulate
 from jgait.estimators.combined import crosscheck
-from jgait.io.checks import contradictions, gravity, order, pace, readings, sides
+from jgait.io.checks import contradictions, order, readings
 from jgait.quality import SOUND
-from jgait.quality import notes as writer
 from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import SIDES, Imu
 
 LEGS = tuple(f"{segment}_{side}" for segment in ("thigh", "shank") for side in SIDES)
 FEET = ("foot_right", "foot_left")
-CONTRADICTIONS = {kind.code for module in (gravity, order, pace, sides, writer) for kind in vars(module).values()
-                  if type(kind).__name__ == "Kind"}  # fmt: skip
+CONTRADICTIONS = {"sensor_contradicts", "clocks_apart", "rows_wrong", "pace_unusual"}
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +72,7 @@ MASKED = {
     "20 spikes of 1900 deg/s": ("shank_left", "jump from their neighbours"),
     "frozen for 0.5 s": ("shank_right", "is repeated for 0.5"),
     "gyroscope frozen for 1 s": ("thigh_left", "one reading of the gyroscope is repeated"),
-    "an axis of the gyroscope stuck for 1 s": ("thigh_left", "repeats one reading"),
+    "an axis of the gyroscope stuck for 1 s": ("thigh_left", "one reading of gyr_"),
     "gap of 1 s": ("shank_left", "1.00 s missing"),
     "rows of 2 s missing, with stamps": ("", "gap"),
     "5 % of rows missing, with stamps": ("", "gap"),
@@ -98,26 +96,26 @@ def test_what_no_sensor_measures_is_masked_and_noted_once(walk, rows, name):
 
 CONTRADICTED = {
     "gyroscope wraps at 250 deg/s": ("shank_right", "channel_unwrapped", r"shank_right gyr_y .*4\.363 rad/s"),
-    "gyroscope's sign": ("foot_right", "gyroscope_disagrees", ""),
-    "gyroscope's y turned round": ("foot_right", "gyroscope_disagrees", "its y axis may be turned round"),
-    "gyroscope by 2": ("foot_right", "gyroscope_disagrees", "2 times too large"),
-    "left-handed axes": ("shank_right", "tilts_apart", ""),
-    "accelerometer by 0.85": ("pelvis", "gyroscope_disagrees", ""),
-    "gyroscope by 0.5": ("thigh_right", "sides_differ", ""),
-    "gyroscope in rad/s": ("shank_right", "gyroscope_slow", ""),
-    "rate of 50 Hz stated for 100": ("foot_right", "gyroscope_disagrees", ""),
+    "gyroscope's sign": ("foot_right", "sensor_contradicts", "gyroscope and accelerometer do not agree"),
+    "gyroscope's y turned round": ("foot_right", "sensor_contradicts", "its y axis may be turned round"),
+    "gyroscope by 2": ("foot_right", "sensor_contradicts", "2 times too large"),
+    "left-handed axes": ("shank_right", "sensor_contradicts", "tilt by up to"),
+    "accelerometer by 0.85": ("pelvis", "sensor_contradicts", "gyroscope and accelerometer do not agree"),
+    "gyroscope by 0.5": ("thigh_right", "sensor_contradicts", "times as fast as thigh_right"),
+    "gyroscope in rad/s": ("shank_right", "sensor_contradicts", "the gyroscope reaches only"),
+    "rate of 50 Hz stated for 100": ("foot_right", "sensor_contradicts", "do not agree"),
     "rate of 200 Hz stated for 100": ("", "pace_unusual", "time passes twice as fast"),
     "all gyroscopes by 0.5": ("", "pace_unusual", "all sensors of the legs.*read half of what they should"),
-    "accelerometer 50 ms late": ("foot_right", "accelerometer_late", ""),
-    "gyroscope 100 ms late": ("shank_right", "accelerometer_late", ""),
-    "sensor 0.1 s late": ("shank_right", "sensor_late", ""),
-    "sensor 0.3 s late": ("foot_left", "sides_out_of_step", ""),
-    "sensor's clock 1 % fast": ("thigh_left", "sensor_late", ""),
-    "20 % of rows missing, without stamps": ("", "rows_lost", ""),
-    "5 % of rows missing, without stamps": ("", "rows_lost", ""),
-    "rows of 0.5 s missing, without stamps": ("", "rows_lost", ""),
-    "2 % of rows written twice, without stamps": ("", "rows_twice", ""),
-    "every second row repeated": ("shank_right", "samples_repeated", ""),
+    "accelerometer 50 ms late": ("foot_right", "clocks_apart", "the accelerometer is .* behind the gyroscope"),
+    "gyroscope 100 ms late": ("shank_right", "clocks_apart", "the accelerometer is .* ahead of the gyroscope"),
+    "sensor 0.1 s late": ("shank_right", "clocks_apart", "behind thigh_right"),
+    "sensor 0.3 s late": ("foot_left", "clocks_apart", "of a stride in place of a half"),
+    "sensor's clock 1 % fast": ("thigh_left", "clocks_apart", "behind thigh_left|ahead of thigh_left"),
+    "20 % of rows missing, without stamps": ("", "rows_wrong", "all sensors jump"),
+    "5 % of rows missing, without stamps": ("", "rows_wrong", "all sensors jump"),
+    "rows of 0.5 s missing, without stamps": ("", "rows_wrong", "all sensors jump"),
+    "2 % of rows written twice, without stamps": ("", "rows_wrong", "repeat the one before in all sensors"),
+    "every second row repeated": ("shank_right", "samples_masked", "% of the readings of the .* repeat the one before"),
     "20 spikes of 150 m/s²": ("thigh_right", "samples_masked", "jump from their neighbours"),
 }  # fmt: skip
 """Damage of a straight walk → the sensor, and code and words of a note about it."""
@@ -133,17 +131,16 @@ TURNED = {
 def test_sensors_that_contradict_themselves_or_others_are_named(rows, name):
     placement, code, words = CONTRADICTED[name]
     recording = damaged(rows, name, placement)
-    texts = [note.text for note in recording.notes if note.code == code]
+    texts = [note.text for note in recording.notes if note.code == code and re.search(words, note.text)]
     assert any(placement in text for text in texts)
-    assert not words or (len(texts) == 1 and re.search(words, texts[0]))
     if "late" in name:
         assert "places_exchanged" not in codes(recording.notes)
 
 
 @pytest.mark.parametrize("name", TURNED)
 def test_sensors_that_do_not_turn_with_the_person_are_named(turning, name):
-    (note,) = (note for note in damaged(turning, name, TURNED[name]).notes if note.code == "turns_apart")
-    assert note.text.startswith(f"{TURNED[name]}: in a turn by ")
+    notes = [note for note in damaged(turning, name, TURNED[name]).notes if "in a turn by" in note.text]
+    assert [note.values["placement"] for note in notes] == [TURNED[name]]
 
 
 @pytest.mark.parametrize("name", ["gyroscope's sign", "gyroscope's z turned round", "gyroscope's y turned round"])
@@ -151,7 +148,7 @@ def test_sensors_that_do_not_turn_with_the_person_are_named(turning, name):
 def test_of_two_feet_the_intact_one_is_not_accused(turning, name, placement):
     found = checks(damaged(worn(turning, *FEET), name, placement))
     assert any(placement in (note.values["placement"], note.values.get("other")) for note in found)
-    assert {note.values["placement"] for note in found if note.code != "one_turns_apart"} <= {placement}
+    assert {note.values["placement"] for note in found if "one turns" not in note.text} <= {placement}
 
 
 @pytest.mark.parametrize("segment", ["thigh", "shank", "foot"])
@@ -179,7 +176,7 @@ def test_a_real_walk_shows_exchanged_shanks_and_late_sensors_at_any_rate(data):
         rarer = harm._kept(legs, np.arange(0, len(legs.time), every), stamps=True)
         assert not codes(checks(harm.read(rarer, "walk"))) & CONTRADICTIONS
         if every < 4:
-            assert "sensor_late" in codes(damaged(rarer, "sensor 0.3 s late", "shank_left").notes)
+            assert "clocks_apart" in codes(damaged(rarer, "sensor 0.3 s late", "shank_left").notes)
 
 
 @pytest.mark.parametrize("name", ["gyroscope's y turned round", "left-handed axes", "gyroscope's sign", None])
@@ -196,7 +193,7 @@ def test_a_wrong_tilt_is_noticed_although_the_mean_acceleration_has_the_size_of_
     acc += 9.80665 * np.stack([-np.sin(bend), np.zeros(1000), np.cos(bend)], axis=1)
     one = harm.Rows({"thigh_left": {"gyr": np.rad2deg(gyr), "acc": acc}}, time, None, None, time)
     recording = damaged(one, name, "thigh_left") if name else harm.read(one, "walk")
-    assert ("tilts_apart" in codes(recording.notes)) == (name is not None)
+    assert any("tilt by up to" in note.text for note in recording.notes) == (name is not None)
 
 
 UNUSUAL = {
@@ -213,14 +210,15 @@ def test_an_unusual_gait_is_no_damage(gait):
     person = UNUSUAL[gait](key, simulate.person_of(simulate.population(who, 6, recorded=False), 0))
     along = simulate.straight(20.0)
     recording, _ = simulate.recording(key, simulate.covering(key, person, along), along, MPU6000)
-    assert not codes(contradictions(recording).notes) & {"accelerometer_late", "sensor_late", "tilts_apart"}
+    notes = contradictions(recording).notes
+    assert "clocks_apart" not in codes(notes) and not any("tilt by up to" in note.text for note in notes)
 
 
 def test_short_bouts_standing_and_slow_or_short_recordings_are_not_judged(walk):
     person = simulate.person_of(simulate.population(jax.random.key(50), 3, recorded=True), 0)
     key, bouts = jax.random.fold_in(jax.random.key(51), 0), [simulate.straight(5.0)] * 3
     short, _ = simulate.with_breaks(key, person, bouts, (2.0, 8.0), MPU6000, placements=FEET)
-    assert not codes(contradictions(short).notes) & {"pace_unusual", "sides_out_of_step"}
+    assert not codes(contradictions(short).notes) & {"pace_unusual", "clocks_apart"}
     draw = np.random.default_rng(3)
     down = np.tile([0.0, 0.0, 9.81], (len(walk.sensors["pelvis"].time), 1))
     still = {p: imu._replace(gyr=1e-3 * draw.normal(size=down.shape), acc=down) for p, imu in walk.sensors.items()}
@@ -240,7 +238,7 @@ def test_a_sensor_that_is_taken_off_and_lies_still_is_not_wrong(turning):
     gyr, acc = np.array(imu.gyr), np.array(imu.acc)
     gyr[at:], acc[at:] = 0.003 * noise[0], [0.1, 0.2, 9.8] + 0.03 * noise[1]
     off = two._replace(sensors={**two.sensors, "foot_left": imu._replace(gyr=gyr, acc=acc)})
-    assert not codes(contradictions(off).notes) & {"one_turns_apart", "turns_apart", "sides_differ"}
+    assert not codes(contradictions(off).notes) & {"one_turns_apart", "sensor_contradicts"}
 
 
 def test_rows_are_lost_of_all_sensors_or_of_none(rows):
@@ -248,7 +246,7 @@ def test_rows_are_lost_of_all_sensors_or_of_none(rows):
     that are held where one is lost are no rows written twice.
     """
     foot = worn(rows, "foot_right")
-    assert "rows_lost" in codes(damaged(foot, "20 % of rows missing, without stamps", "foot_right").notes)
+    assert "rows_wrong" in codes(damaged(foot, "20 % of rows missing, without stamps", "foot_right").notes)
     time = np.arange(4000) / 128.0
     turns = 2.0 * np.pi * (1.0 + 0.02 * np.sin(0.3 * time)) * time
 
@@ -259,13 +257,13 @@ def test_rows_are_lost_of_all_sensors_or_of_none(rows):
 
     fewer = np.flatnonzero(np.arange(4000) % 4 != 3)
     both = {"foot_right": sensor(0.0, fewer), "foot_left": sensor(np.pi, fewer)}
-    assert codes(order.rows_wrong(both, 100.0)[1]) == {"rows_lost"}
+    assert codes(order.rows_wrong(both, 100.0)[1]) == {"rows_wrong"}
     assert order.rows_wrong({**both, "foot_left": sensor(np.pi, np.arange(len(fewer)))}, 100.0) == (SOUND, [])
     at = np.flatnonzero(np.random.default_rng(2).random(len(rows.time)) < 0.02)[1:]
     held = {p: {kind: v.copy() for kind, v in each.items()} for p, each in rows.sensors.items()}
     for values in (values for each in held.values() for values in each.values()):
         values[at] = values[at - 1]
-    assert "rows_twice" not in codes(harm.read(rows._replace(sensors=held), "walk").notes)
+    assert "rows_wrong" not in codes(harm.read(rows._replace(sensors=held), "walk").notes)
 
 
 @pytest.mark.parametrize("every", [2, 4])
@@ -276,22 +274,11 @@ def test_an_accelerometer_that_is_slower_than_its_rows_is_not_held(every):
     acc = [0.0, 9.8, 0.0] + 4.0 * np.sin(4.0 * np.pi * time)[:, None] * [1.0, 0.5, 0.2]
     held = acc[np.arange(600) // every * every]
     new, notes = readings.without_damage("shank_right", {"gyr": gyr, "acc": held}, {"gyr": 1.0, "acc": 1.0}, 100.0)
-    (note,) = (note for note in notes if note.code == "samples_repeated")
-    assert note.values["percent"] == pytest.approx(100.0 - 100.0 / every, abs=2.0)
+    (note,) = (note for note in notes if note.code == "samples_masked")
+    assert float(note.text.split()[1]) == pytest.approx(100.0 - 100.0 / every, abs=2.0)
     lost = ~np.isfinite(new["acc"]).all(axis=1)
     assert lost.mean() == pytest.approx(0.0 if every == 2 else 0.75, abs=0.01)
     assert np.abs(new["acc"] - acc)[:-1][~lost[:-1]].max() < 0.1 * np.abs(held - acc).max()
-
-
-def test_a_clipped_gyroscope_that_jumps_between_its_limits_does_not_wrap():
-    limit, draw = np.deg2rad(250.0), np.random.default_rng(0)
-    rates = np.zeros((400, 3))
-    rates[:, 0] = 3.0 * limit * np.sign(np.sin(np.arange(400) / 9.0)) + draw.standard_normal(400)
-    near = rates.clip(-limit, limit)
-    near[np.flatnonzero(np.diff(np.sign(near[:, 0]))) + 1, 0] *= 0.98  # not from one limit exactly to the other
-    for signal, wraps in ((near, False), ((rates + limit) % (2.0 * limit) - limit, True)):
-        _, notes = readings.without_damage("foot_right", {"gyr": signal}, {"gyr": 1.0}, 100.0)
-        assert ("channel_wrapped" in codes(notes)) == wraps
 
 
 def test_a_channel_that_wraps_in_its_peaks_alone_is_continued():
@@ -333,7 +320,7 @@ def test_a_range_that_repeats_its_reading_while_the_feet_move_is_masked(fault):
     recording = io.recording_from_arrays(sensors, time=time, feet_range=made)
     left = {"stuck": passes & (time <= 6.0), "constant": passes & False}.get(fault, passes)
     assert np.array_equal(recording.feet_range.mask, left)
-    assert ("range_stuck" in codes(recording.notes)) == (fault not in ("none", "steps"))
+    assert ("range_lost" in codes(recording.notes)) == (fault not in ("none", "steps"))
 
 
 def test_a_runner_is_not_refused_for_the_mean_of_the_force(rows):

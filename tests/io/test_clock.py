@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from jgait.io.clock import make_clock, unwrapped
-from jgait.io.formats.clocks import CLOCKS_JOINED, one_clock
-from jgait.io.formats.part import Part
 from jgait.types import RecordingError
 
 RATE_HZ, SAMPLES = 128.0, 3000
@@ -28,7 +26,7 @@ def test_jitter_does_not_bend_the_rate_and_makes_no_losses(jitter_s, rate_hz):
     assert clock.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
     np.testing.assert_array_equal(clock.rows, np.arange(SAMPLES))
     np.testing.assert_allclose(np.diff(clock.time), 1 / RATE_HZ, rtol=0.02)
-    (note,) = (note for note in clock.notes if note.code == "stamps_jitter")
+    (note,) = (note for note in clock.notes if note.code == "times_corrected")
     assert note.values["jitter_ms"] == pytest.approx(1e3 * jitter_s, rel=0.1)
 
 
@@ -43,7 +41,7 @@ def test_a_pause_of_the_radio_whose_samples_arrive_late_has_lost_none():
     time = np.arange(SAMPLES) / RATE_HZ
     time[1000:1020] = np.maximum(time[1000:1020], time[1020] - 0.0005 * np.arange(20, 0, -1))
     clock = make_clock(SAMPLES, time, None, "s", "walk")
-    assert (clock.rows >= 0).all() and "stamps_jitter" in codes(clock)
+    assert (clock.rows >= 0).all() and "times_corrected" in codes(clock)
     assert clock.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
 
 
@@ -57,24 +55,8 @@ def test_a_clock_that_drifts_is_followed_and_few_late_stamps_among_losses_change
     time = stamps(0.0, lost)
     time[400] += 0.006
     clock = make_clock(len(time), time, None, "s", "walk")
-    assert codes(clock) == ["deduced", "gaps_filled"]
+    assert codes(clock) == ["deduced", "data_lost"]
     assert clock.sampling_rate_hz == pytest.approx(RATE_HZ, rel=1e-3)
-
-
-def test_sensors_whose_own_stamps_jitter_lose_nothing_where_they_are_joined():
-    time, gyr = np.arange(SAMPLES) / RATE_HZ, np.ones((SAMPLES, 3))
-    parts = {"foot_left": Part("a", gyr, time=time), "foot_right": Part("b", gyr, time=0.1 + stamps(0.002))}
-    sensors, notes = {name: {"gyr": part.gyr} for name, part in parts.items()}, []
-    one_clock(parts, sensors, None, "walk", notes)
-    assert np.isfinite(sensors["foot_right"]["gyr"]).all()
-    assert [note.code for note in notes] == ["stamps_jitter", CLOCKS_JOINED.code]
-
-
-def test_numbers_of_samples_are_a_clock_if_the_rate_is_given():
-    clock = make_clock(99, np.delete(np.arange(100.0), 40) + 7, 50.0, None, "walk")
-    np.testing.assert_allclose(clock.time, np.arange(100) / 50.0)
-    assert list(np.flatnonzero(clock.rows < 0)) == [40]
-    assert make_clock(100, np.arange(100.0), None, "ms", "walk").sampling_rate_hz == 1000.0
 
 
 def test_a_counter_of_packets_counts_the_samples_in_them():

@@ -4,6 +4,7 @@ import functools
 import gzip
 import json
 import os
+import re
 
 import ezc3d
 import h5py
@@ -34,35 +35,62 @@ def hdf5(path, write):
     return path
 
 
-@pytest.mark.parametrize("kind", ["parquet", "h5", "mat", "tsv.gz", "csv", "c3d"])
-def test_a_file_that_declares_more_than_the_budget_is_refused_before_it_is_read(tmp_path, monkeypatch, kind):
+WALK = np.zeros((50_000, 3))
+
+
+def bids(path):
+    rows = "".join(f"\nG{axis}\t{axis}\tGYRO\tfoot\tdeg/s" for axis in "xyz")
+    path.with_name(path.name.replace("_motion.tsv.gz", "_channels.tsv")).write_text(
+        f"name\tcomponent\ttype\ttracked_point\tunits{rows}"
+    )
+    path.with_name(path.name.replace(".tsv.gz", ".json")).write_text('{"SamplingFrequency": 100}')
+    path.write_bytes(gzip.compress(b"0\t0\t0\n" * 200_000))
+
+
+def c3d(path):
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["a", "b"]
+    file["data"]["points"] = np.zeros((4, 2, 20_000))
+    file.write(str(path))
+
+
+FILES = {
+    "walk.parquet": lambda path: pd.DataFrame(WALK, columns=[f"foot_right_gyr_{a}" for a in "xyz"]).to_parquet(path),
+    "walk.h5": lambda path: hdf5(path, lambda group: group.create_dataset("Gyroscope", data=WALK, compression="gzip")),
+    "walk.mat": lambda path: savemat(path, {"data": {"x": WALK}}, do_compression=True),
+    "sub-1_task-walk_motion.tsv.gz": bids,
+    "walk.csv": lambda path: path.write_text("time,a,b\n" + "1,2,3\n" * 50_000),
+    "walk.c3d": c3d,
+    "walk.mot": lambda path: path.write_text("nRows=9999\nendheader\ntime\tpelvis_tilt\n" + "1\t2\n" * 9999),
+}
+"""Name of a file → what writes it."""
+READERS = {".c3d": io.read_c3d, ".mot": io.read_opensim}
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if name != "walk.mot"])
+def test_a_file_that_declares_more_than_the_budget_is_refused_before_it_is_read(tmp_path, monkeypatch, name):
     """The files are small and good: the budget is smaller."""
-    walk = np.zeros((50_000, 3))
-    path = tmp_path / f"walk.{kind}"
-    match kind:
-        case "parquet":
-            pd.DataFrame(walk, columns=[f"shank_right_gyr_{axis}" for axis in "xyz"]).to_parquet(path)
-        case "h5":
-            hdf5(path, lambda group: group.create_dataset("Gyroscope", data=walk, compression="gzip"))
-        case "mat":
-            savemat(path, {"data": {"x": walk}}, do_compression=True)
-        case "tsv.gz":
-            path = tmp_path / "sub-1_task-walk_motion.tsv.gz"
-            path.write_bytes(gzip.compress(b"0\t0\t0\n" * 200_000))
-            (tmp_path / "sub-1_task-walk_motion.json").write_text('{"SamplingFrequency": 100}')
-            rows = [f"G{axis}\t{axis}\tGYRO\tfoot\tdeg/s" for axis in "xyz"]
-            names = "name\tcomponent\ttype\ttracked_point\tunits"
-            (tmp_path / "sub-1_task-walk_channels.tsv").write_text("\n".join([names, *rows]))
-        case "csv":
-            path.write_text("time,a,b\n" + "1,2,3\n" * 50_000)
-        case "c3d":
-            file = ezc3d.c3d()
-            file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
-            file["parameters"]["POINT"]["LABELS"]["value"] = ["a", "b"]
-            file["data"]["points"] = np.zeros((4, 2, 20_000))
-            file.write(str(path))
+    FILES[name](tmp_path / name)
     monkeypatch.setattr(files, "MOST_BYTES", 1_000_000)
-    refuse(path, "declares a content of .* bytes; expected at most 1000000", io.read_c3d if kind == "c3d" else io.read)
+    read = READERS.get((tmp_path / name).suffix, io.read)
+    refuse(tmp_path / name, "declares a content of .* bytes; expected at most 1000000", read)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_is_missing_empty_cut_off_or_something_else_gets_one_sentence(tmp_path, name):
+    path = tmp_path / name
+    read = READERS.get(path.suffix, io.read)
+    with pytest.raises(FileNotFoundError, match=re.escape(name)):
+        read(path)
+    FILES[name](path)
+    whole = path.read_bytes()
+    for content in (b"", whole[:300], whole[: len(whole) // 2], b"frame,x\n" * 200, bytes(range(128, 256)) * 20):
+        path.write_bytes(content)
+        refuse(path, name.partition(".")[0], read)
+    path.unlink()
+    path.mkdir()
+    refuse(path, "is a folder", read)
 
 
 def test_a_pipe_is_no_file(tmp_path):
@@ -133,15 +161,6 @@ def test_time_that_asks_for_samples_without_end(tmp_path):
     refuse(walk, "time stamps come in bursts", io.read_csv)
     mtw = made_files.mtw(tmp_path / "MT_00B40C48.txt", packets=np.cumsum(np.resize([1, 1, 990], len(table))))
     refuse(mtw, "rows are spread over", lambda path: io.read(path, placement="foot_right"))
-
-
-def test_json_without_end(tmp_path):
-    (tmp_path / "deep.json").write_text("[" * 100_000)
-    with pytest.raises(RecordingError, match="RecursionError"):
-        io.read_params(tmp_path / "deep.json", None, estimator="leg_ekf")
-    (tmp_path / "big.json").write_text(json.dumps({"format": 1})[:-1] + ', "x": ' + "9" * 5000 + "}")
-    with pytest.raises(RecordingError, match="expected a file of parameters"):
-        io.read_params(tmp_path / "big.json", None, estimator="leg_ekf")
 
 
 def test_names_in_files_change_no_terminal(tmp_path):

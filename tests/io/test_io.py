@@ -3,7 +3,6 @@
 import subprocess
 import sys
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -11,11 +10,9 @@ import pytest
 from made.frames import NEEDED, RATE, signals, table
 from made.notes import texts
 
-from jgait import io, simulate
+from jgait import io
 from jgait.estimators import leg_ekf
-from jgait.io.checks import sizes
-from jgait.io.units import Unit
-from jgait.types import Estimate, Imu, Legs, LegTrajectory, RecordingError
+from jgait.types import Estimate, Legs, LegTrajectory, RecordingError
 
 THIGH_GYR = [f"thigh_right_gyr_{axis}" for axis in "xyz"]
 
@@ -37,35 +34,25 @@ def fails(message, frame, **options):
 # --- what is right is read ---
 
 
-def test_csv_in_the_dialect(tmp_path):
+@pytest.mark.parametrize("separator, decimal", [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")])
+@pytest.mark.parametrize("before", ["", "\n\n"], ids=["", "blank lines"])
+def test_a_csv_file_in_any_dialect(tmp_path, before, separator, decimal):
     path = tmp_path / "anna_walk.csv"
-    frame = table()
-    frame.to_csv(path, index=False)
+    path.write_text(before + table().to_csv(index=False, sep=separator, decimal=decimal), encoding="utf-8-sig")
     recording = io.read_csv(path, subject="anna")
-    assert recording.name == "anna_walk" and recording.subject == "anna"
-    assert list(recording.sensors) == list(NEEDED)
-    assert recording.sampling_rate_hz == pytest.approx(100.0)
+    assert (recording.name, recording.subject, list(recording.sensors)) == ("anna_walk", "anna", list(NEEDED))
     thigh = recording.sensors["thigh_right"]
     np.testing.assert_allclose(thigh.gyr, np.deg2rad(signals()["gyr"]), atol=1e-12)
     np.testing.assert_allclose(thigh.acc, signals()["acc"], atol=1e-12)
-    np.testing.assert_allclose(thigh.time, frame["time"], atol=1e-12)
-    assert thigh.mask.all()
-    assert any("time taken to be in s" in note for note in texts(recording.notes))
-
-
-@pytest.mark.parametrize("separator, decimal", [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")])
-@pytest.mark.parametrize("before", ["", "\n\n"], ids=["", "blank lines"])
-def test_separators_decimal_commas_and_blank_lines_before_the_header(tmp_path, before, separator, decimal):
-    path = tmp_path / "walk.csv"
-    path.write_text(before + table().to_csv(index=False, sep=separator, decimal=decimal), encoding="utf-8-sig")
-    np.testing.assert_allclose(io.read_csv(path).sensors["shank_right"].acc, signals(seed=1)["acc"], atol=1e-12)
+    np.testing.assert_allclose(thigh.time, table()["time"], atol=1e-12)
+    assert thigh.mask.all() and "time taken to be in s" in str(texts(recording.notes))
 
 
 def test_numbers_are_a_clock_in_the_unit_of_their_size_and_their_mean_is_the_rate():
     recording = read(table().assign(time=57354700 + np.arange(600) * 10))
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-9)
-    assert any("time taken to be in ms, because its steps are 10" in note for note in texts(recording.notes))
-    assert any("sampling rate 100 Hz, from the time stamps" in note for note in texts(recording.notes))
+    for said in ("time taken to be in ms, because its steps are 10", "sampling rate 100 Hz, from the time stamps"):
+        assert any(said in note for note in texts(recording.notes))
     stamps = np.round(np.arange(600) * 1000 / 128)
     assert read(table().assign(time=stamps)).sampling_rate_hz == pytest.approx(128.0, rel=1e-3)
     recording = read(table(time=False), sampling_rate_hz=50.0)
@@ -96,27 +83,23 @@ def test_where_times_of_results_begin_is_noted(tmp_path):
     for frame, values in (
         (table(), None),
         (table().set_index("time"), None),
-        (table().assign(time=table()["time"] + 3600.0), ("clock_from_first", {"begin_s": 3600.0})),
-        (naive, ("clock_from_date", {"date": "2026-05-03 10:00:00.000"})),
+        (table().assign(time=table()["time"] + 3600.0), ("clock_begins", {"begin_s": 3600.0})),
+        (naive, ("clock_begins", {"date": "2026-05-03 10:00:00.000"})),
         (naive.tz_localize("Europe/Berlin").rename_axis("date"),
-         ("clock_from_date", {"date": "2026-05-03 08:00:00.000"})),
+         ("clock_begins", {"date": "2026-05-03 08:00:00.000"})),
     ):  # fmt: skip
         notes = io.recording_from_dataframe(frame).notes
-        found = [(note.code, note.values) for note in notes if note.code in ("clock_from_first", "clock_from_date")]
+        found = [(note.code, note.values) for note in notes if note.code in ("clock_begins",)]
         assert found == ([] if values is None else [values])
     table().assign(time=stamps).to_csv(tmp_path / "walk.csv", index=False)
     for recording in (io.read_csv(tmp_path / "walk.csv"), io.read(tmp_path / "walk.csv")):
         np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 100, atol=1e-6)
 
 
-def test_what_is_no_clock_is_refused():
-    for form in ("{}:s", "10:{}.5"):
-        odd = table().assign(time=[form.format(i) for i in range(600)])
-        fails("write times as 2026-05-03 10:00:00.25, or seconds", odd)
+def test_an_index_is_a_clock_if_it_is_named():
     seconds = table(time=False).set_index((table()["time"] + 50.0).to_numpy())
     fails(r"if the index without a name is the time, name it: table.rename_axis", seconds)
     assert read(seconds.rename_axis("time")).sampling_rate_hz == pytest.approx(100.0)
-    fails(r"it was not given$", table(time=False))
 
 
 def test_what_is_written_is_read_back(tmp_path):
@@ -127,12 +110,6 @@ def test_what_is_written_is_read_back(tmp_path):
         for one, other, filed in zip(imu, again.sensors[placement], from_file.sensors[placement], strict=True):
             np.testing.assert_allclose(one, other, atol=1e-12)
             np.testing.assert_allclose(one, filed, rtol=1e-7, atol=1e-9)
-
-
-def test_rows_of_several_people_are_noted():
-    said = texts(read(table().assign(subject=["A"] * 300 + ["B"] * 300)).notes)
-    assert "column subject has 2 values, such as A and B: its rows are read as one recording" in said
-    assert not any("its rows are read" in text for text in texts(read(table().assign(subject="A", id=7)).notes))
 
 
 def test_names_of_columns():
@@ -192,8 +169,7 @@ def test_radians_passed_as_degrees_but_not_standing_still():
     assert np.abs(read(table().iloc[:190]).sensors["thigh_right"].gyr).max() < 0.1
     frame = scaled(table(), "_gyr_", np.pi / 180.0)
     fails("too slow for walking: the gyroscopes seem to be in rad/s; pass gyr_unit='rad/s'", frame)
-    without_acc = frame.loc[:, [name for name in frame if "_acc_" not in name]]
-    fails("seem to be in rad/s", without_acc)
+    fails("seem to be in rad/s", frame.loc[:, [name for name in frame if "_acc_" not in name]])
     # an hour with little more than a minute of walking
     rows = np.concatenate([np.resize(np.arange(190), 360_000), np.resize(np.arange(190, 600), 7_500)])
     day = frame.iloc[rows].assign(time=0.01 * np.arange(len(rows)))
@@ -221,6 +197,22 @@ def later(frame, seconds):
     return frame.assign(time=frame.time + np.where(frame.index >= 300, seconds, 0.0))
 
 
+RAW = "whole numbers and no unit, as raw counts have: multiply .* by gyr_unit$"
+COLUMNS = (
+    r"expected columns \['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z'\]; columns not recognised: "
+)
+
+
+def shaken(t):
+    """Specific force without gravity, of about 1 m/s²."""
+    names = [name for name in t if "_acc_" in name]
+    return t.assign(**{name: np.sin(9.0 * t.time + k) * (1.0 + 0.2 * np.cos(t.time)) for k, name in enumerate(names)})
+
+
+def counts(t):
+    return scaled(t, "_gyr_", 16.4).round({name: 0 for name in t if "_gyr_" in name})
+
+
 REFUSED = {
     "nothing measured": (
         lambda t: t.assign(thigh_right_gyr_x=np.nan, shank_right_gyr_x=np.nan), {},
@@ -231,102 +223,55 @@ REFUSED = {
         r"gyroscope of \w+ reaches \d+\.?\d* rad/s .99th percentile, given as rad/s., but nothing worn while walking "
         "exceeds 35 rad/s: it seems to be in deg/s; pass gyr_unit='deg/s'",
     ),
-    "g as metres": (
-        lambda t: scaled(t, "_acc_", 1.0 / 9.80665), {},
-        r"accelerometer of thigh_right reads (0\.99|1\.0|1) m.* it seems to be in g; pass acc_unit='g'",
-    ),
+    "g as metres": (lambda t: scaled(t, "_acc_", 1 / 9.80665), {}, "it seems to be in g; pass acc_unit='g'"),
     "metres as g": (lambda t: t, {"acc_unit": "g"}, r"given as g.*it seems to be in m/s²; pass acc_unit='m/s\^2'"),
     "without gravity": (
-        lambda t: t.assign(**{f"{one}_acc_x": t[f"{one}_acc_x"] - 9.81 for one in NEEDED}), {},
-        "gravity was taken off; record or export",
+        lambda t: t.assign(**{f"{one}_acc_x": t[f"{one}_acc_x"] - 9.81 for one in NEEDED}), {}, "gravity was taken off",
     ),
-    "without gravity, shaken by about 1 m/s²": (
-        lambda t: t.assign(**{name: np.sin(9.0 * t.time + k) * (1.0 + 0.2 * np.cos(t.time)) for k, name in
-                              enumerate(name for name in t if "_acc_" in name)}), {},
-        "gravity was taken off; record or export the specific force, with gravity$",
-    ),
-    "raw counts": (
-        lambda t: scaled(t, "_gyr_", 16.4).round({name: 0 for name in t if "_gyr_" in name}), {},
-        "the gyroscope of thigh_right has whole numbers and no unit, as raw counts have: multiply .* by gyr_unit$",
-    ),
-    "raw counts as degrees": (
-        lambda t: scaled(t, "_gyr_", 16.4).round({name: 0 for name in t if "_gyr_" in name}), {"gyr_unit": "deg/s"},
-        "exceeds 35 rad/s; its numbers are whole, as raw counts of a converter are. State the unit",
-    ),
-    "another scale": (
-        lambda t: scaled(t, "_acc_", 2.0), {},
-        "accelerometer of thigh_right reads 19.* check the unit",
-    ),
-    "converted twice": (
-        lambda t: scaled(t, "_gyr_", 180.0 / np.pi), {},
-        "given as deg/s.*, but nothing worn while walking exceeds 35 rad/s; is it in mrad/s, or was it conv",
-    ),
+    "shaken without gravity": (shaken, {}, "gravity was taken off; record or export the specific force, with gravity$"),
+    "raw counts": (counts, {}, RAW),
+    "raw counts as degrees": (counts, {"gyr_unit": "deg/s"}, "exceeds 35 rad/s; its numbers are whole, as raw counts"),
+    "another scale": (lambda t: scaled(t, "_acc_", 2.0), {}, "accelerometer of .* reads 19.* check the unit"),
+    "converted twice": (lambda t: scaled(t, "_gyr_", 57.3), {}, "given as deg/s.*; is it in mrad/s, or was it conv"),
     "time repeats": (
         lambda t: t.assign(time=t.time.where(t.index % 17 != 0, t.time.shift(fill_value=-0.01))), {},
         r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 35 such rows in all. "
         "If they are .* leave out the time and give sampling_rate_hz: there are 99.83 rows a second",
     ),
-    "time backwards": (
-        lambda t: later(t, -1.0), {}, r"time runs backwards at row 300 \(the first row is 0\): 2 follows 2.99",
-    ),
-    "time missing": (
-        lambda t: t.assign(time=t.time.mask(t.index.isin([5, 9]))), {}, "time is missing in 2 rows, first in row 5",
-    ),
-    "gap": (
-        lambda t: later(t, 60.0), {},
-        r"60.0 s are missing after row 299 \(the first row is 0\), more than 10 s; split the recording there",
-    ),
+    "time backwards": (lambda t: later(t, -1.0), {}, r"time runs backwards at row 300 .*: 2 follows 2.99"),
+    "time missing": (lambda t: t.assign(time=t.time.mask(t.index.isin([5, 9]))), {}, "missing in 2 rows, first in row 5"),
+    "gap": (lambda t: later(t, 60.0), {}, r"60.0 s are missing after row 299 .*, more than 10 s; split the recording"),
     "no clock": (
         lambda t: table(time=False).assign(stamp=1.0), {},
         "has 600 rows and no column called 'time', so sampling_rate_hz is needed; .* not of sensors: stamp",
     ),
     "two clocks": (lambda t: t, {"sampling_rate_hz": 50.0}, "time stamps run at 100 Hz, but sampling_rate_hz is 50"),
     "rate": (lambda t: table(time=False), {"sampling_rate_hz": -1.0}, "sampling_rate_hz must be positive; got -1"),
-    "milliseconds": (
-        lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"},
-        "samples are 10 s apart; walking needs at most 0.11 s; it seems to be in ms",
-    ),
+    "milliseconds": (lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"}, "at most 0.11 s; it seems to be in ms"),
+    "seconds": (lambda t: t, {"time_unit": "ms"}, "faster than 10 kHz; it seems to be in s: correct time_unit"),
     "bursts": (
         lambda t: t.assign(time=0.05 * (t.index // 5) + 1e-4 * (t.index % 5)), {},
-        "time stamps come in bursts: rows are 0.0001 s apart, then 0.0496 s, as in packets sent by radio; there are "
-        r"100\.?\d* rows a second. Leave out the time and give sampling_rate_hz",
+        r"come in bursts, as in packets sent by radio; there are 100\.?\d* rows a second. Leave out the time and give sam",
     ),
-    "bursts in microseconds": (
-        lambda t: t.assign(time=50000 * (t.index // 10) + 1000 * (t.index % 10)), {"time_unit": "us"},
-        "bursts: rows are 1e.03 us apart, then 4.1e.04 us, .* 20.* rows a second",
-    ),
-    "seconds": (
-        lambda t: t, {"time_unit": "ms"},
-        "samples are 1e-05 s apart, faster than 10 kHz; it seems to be in s: correct time_unit",
-    ),
-    "rate's unit": (
-        lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s', 'mrad/s'; got",
-    ),
+    "rate's unit": (lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s', 'mrad/s'"),
     "force's unit": (lambda t: t, {"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
     "time's unit": (lambda t: t, {"time_unit": "ks"}, "time_unit must be one of 's', 'ms', 'us', 'ns'; got 'ks'"),
     "misspelt": (
         lambda t: t.rename(columns={"thigh_right_gyr_x": "thigh_rigth_gyr_x"}), {},
-        r"recording lacks thigh_right_gyr_x; 'thigh_rigth_gyr_x' looks like 'thigh_right_gyr_x': correct the header of "
-        r"the file; expected columns \['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z'\]; columns not "
-        "recognised: 'thigh_rigth_gyr_x'",
+        "lacks thigh_right_gyr_x; 'thigh_rigth_gyr_x' looks like 'thigh_right_gyr_x': correct the header of the file; "
+        f"{COLUMNS}'thigh_rigth_gyr_x'",
     ),
     "two levels": (
         lambda t: pd.concat({"left_sensor": t}, axis=1), {},
         r"has columns of 2 levels, such as \('left_sensor', 'time'\); expected .*; recording_from_gaitmap reads two",
     ),
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
-    "no known column": (
-        lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {},
-        "found 'a', 'b'; columns are named <placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x",
-    ),
+    "no known column": (lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {}, "found 'a', 'b'; columns are named <place"),
     "bare names": (waist, {}, "for one sensor with bare names give its place, such as placement='waist'"),
-    "no gyroscope": (
-        lambda t: t.drop(columns=THIGH_GYR), {},
-        "has thigh_right_acc_x, _y, _z but no thigh_right_gyr_x, _y, _z; a sensor needs its gyroscope",
-    ),
-    "words": (
-        lambda t: t.assign(shank_right_gyr_y="fast"), {},
-        "column 'shank_right_gyr_y' holds no numbers; its first value is 'fast'",
+    "no gyroscope": (lambda t: t.drop(columns=THIGH_GYR), {}, "lacks thigh_right_gyr_x, .*; a sensor needs its gyroscope"),
+    "words": (lambda t: t.assign(shank_right_gyr_y="fast"), {}, "'shank_right_gyr_y' holds no numbers; .* is 'fast'"),
+    "odd times": (
+        lambda t: t.assign(time=[f"{i}:s" for i in range(600)]), {}, "write times as 2026-05-03 10:00:00.25, or seconds",
     ),
 }  # fmt: skip
 
@@ -345,8 +290,7 @@ LEFT_OUT = {
     ),
     "converted twice": (
         lambda t: scaled(t, "thigh_right_gyr", 180.0 / np.pi),
-        "rad/s (99th percentile, given as deg/s), but nothing worn while walking exceeds 35 rad/s; is it in mrad/s, "
-        "or was it converted twice? State the unit, or correct its columns in the file",
+        "is it in mrad/s, or was it converted twice? State the unit, or correct its columns in the file",
     ),
     "another scale": (
         lambda t: scaled(t, "thigh_right_acc", 2.0),
@@ -363,47 +307,19 @@ def test_one_sensor_that_cannot_be_right_does_not_cost_the_others(name):
     (note,) = (note for note in recording.notes if note.values.get("placement") == "thigh_right")
     assert note.code == "sensor_left_out" and note.text.endswith(reason)
     assert note.text.startswith("thigh_right is left out: it")
-
-
-SI = {"pelvis": {"gyr": Unit("rad/s"), "acc": Unit("m/s^2")}}
-
-
-def test_a_trunk_that_never_rests_keeps_its_sensor_and_one_without_gravity_does_not():
-    person = simulate.Person(gait=simulate.Gait(stride_length=1.5, steps=16.0, pelvis_rise=0.055))
-    (imu,) = simulate.recording(jax.random.key(0), person, placements=("pelvis",))[0].sensors.values()
-    walks = (imu.time > 4.5) & (imu.time < imu.time[-1] - 3.5)
-    imu = Imu(imu.time[walks], imu.gyr[walks], imu.acc[walks], imu.mask[walks])
-    assert sizes.calm_force(imu.acc, 100.0) < 0.8 * 9.81
-    assert list(sizes.usable_sensors({"pelvis": imu}, SI, "walk")[0]) == ["pelvis"]
-    without = imu._replace(acc=imu.acc - imu.acc.mean(axis=0))
-    with pytest.raises(RecordingError, match=r"accelerometer of pelvis reads .* gravity alone"):
-        sizes.usable_sensors({"pelvis": without}, SI, "walk")
-
-
-def test_a_method_that_needs_a_sensor_that_was_left_out_says_why():
     with pytest.raises(RecordingError, match=r"needs 'thigh_right'; the recording has .*; thigh_right is left out: it"):
-        leg_ekf.estimate(leg_ekf.LegParams(), read(table().assign(thigh_right_gyr_x=np.nan)))
+        leg_ekf.estimate(leg_ekf.LegParams(), recording)
+
+
+def test_counts_that_are_called_thousandths_are_read_with_a_doubt():
+    rates = [name for name in table() if "_gyr_" in name]
+    frame = scaled(table(), "_gyr_", 1e3 * np.pi / 180.0)
+    whole, exact = (read(one, gyr_unit="mrad/s") for one in (frame.round(dict.fromkeys(rates, 0)), frame))
+    assert sum("its gyroscope are whole, as raw counts" in text for text in texts(whole.notes)) == len(NEEDED)
+    assert "raw counts" not in str(texts(exact.notes))
 
 
 # --- columns and files ---
-
-
-@pytest.mark.parametrize(
-    "content, message",
-    [
-        (b"", "walk.csv is empty; expected a header and one row a sample"),
-        (b"time,thigh_right_gyr_x\n", "walk.csv has a header and no rows; its columns are"),
-        (b"\xff\xfe\x00\x81\x90", "walk.csv is no text file in UTF-8"),
-        (b"\n \n", "walk.csv is empty"),
-        (b"a,b\n1,2\n1,2,3\n", "walk.csv is no table"),
-        (b"a,b\n1,2,3\n4,5,6\n", "walk.csv has rows with more values than the header has columns"),
-    ],
-)
-def test_files_that_are_no_recording(tmp_path, content, message):
-    path = tmp_path / "walk.csv"
-    path.write_bytes(content)
-    with pytest.raises(RecordingError, match=message):
-        io.read_csv(path)
 
 
 def test_a_file_or_a_folder_that_is_not_there(tmp_path):
@@ -432,14 +348,6 @@ def test_arrays_that_do_not_fit():
         "gyr of shank_right has 500 samples; the others have 600", {"thigh_right": good, "shank_right": signals(500)}
     )
     arrays_fail(r"time must have one value a sample, \(600,\); got shape \(5,\)", {"waist": good}, time=np.arange(5))
-
-
-def test_a_table_wants_one_clock():
-    recording = read(table())
-    short = Imu(*(part[:300] for part in recording.sensors["shank_right"]))
-    mixed = recording._replace(sensors={**recording.sensors, "shank_right": short})
-    with pytest.raises(ValueError, match="a table needs sensors on one clock"):
-        io.recording_to_dataframe(mixed)
 
 
 # --- estimates out ---
@@ -473,12 +381,6 @@ def test_table_in_degrees_with_nan_where_invalid():
     assert list(io.to_dataframe(only)) == ["time_s", "distance_m", "valid"]
     with pytest.raises(ValueError, match=r"one recording, time of shape \(T,\); got shape \(2, 2\)"):
         io.to_dataframe(estimate()._replace(time=jnp.zeros((2, 2))))
-
-
-def test_an_estimate_is_written_as_csv(tmp_path):
-    path = tmp_path / "out.csv"
-    assert io.write_csv(estimate(), path) == path
-    assert pd.read_csv(path)["x_right_m"][1] == pytest.approx(0.1)
 
 
 def test_heavy_packages_wait_until_they_are_needed():

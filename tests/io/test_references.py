@@ -83,10 +83,7 @@ def later(table, seconds):
         (lambda t: t.assign(stride_length_m="long"), "column 'stride_length_m' of a reference must have numbers"),
         (lambda t: t.assign(end_s=t["start_s"]), "must end .* after it starts"),
         (lambda t: t.assign(stride_length_m=-t["stride_length_m"]), r"has no negative lengths; got -1\."),
-        (
-            lambda t: t.assign(stride_length_m=0.0),
-            "lengths that are 0; leave cells of lengths that are not",
-        ),
+        (lambda t: t.assign(stride_length_m=0.0), "lengths that are 0; leave cells of lengths that are not"),
         (lambda t: pd.concat([t, t.iloc[2:3]]), "strides of the right foot overlap, .* is twice in the table"),
         (lambda t: pd.concat([t, later(t, 0.5)]), "strides of the right foot overlap, .* or has the wrong side"),
         (lambda t: t.rename(columns={"turn_deg": "turns_deg"}), "a column 'turns_deg', .* did you mean 'turn_deg'"),
@@ -126,15 +123,6 @@ def test_strides_that_are_none_are_refused(feet, change, message):
 def test_samples_that_are_none_are_refused(change, message):
     with pytest.raises(RecordingError, match=message):
         io.reference_from_tables(TIME, change(io.to_dataframe(angles())))
-
-
-def test_strides_in_other_units_are_refused(feet):
-    table = io.strides_to_dataframe(feet)
-    with pytest.raises(RecordingError, match="'stride_length_m' is in metres; the median of the table is"):
-        io.reference_from_tables(feet.time, None, table.assign(stride_length_m=100.0 * table["stride_length_m"]))
-    later = {name: 1e3 * table[name] for name in table if name in ("start_s", "end_s")}
-    with pytest.raises(RecordingError, match="are in seconds; a stride of the table lasts"):
-        io.reference_from_tables(feet.time, None, table.assign(**later))
 
 
 def test_lengths_of_steps_are_refused_where_the_distance_is_known(feet):

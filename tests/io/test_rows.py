@@ -59,14 +59,6 @@ def test_quoted_names_and_long_files(tmp_path):
     assert note.values["line"] == 20_001 and note.values["rows"] == 19_999
 
 
-def test_the_reader_of_other_names_notes_half_a_row(tmp_path):
-    path = tmp_path / "foot_left.csv"
-    frame = table(placements=("shank_right",)).rename(columns=lambda name: name.removeprefix("shank_right_"))
-    text = text_of(frame).rstrip("\n")
-    path.write_text(text[: text.rindex(",")])
-    assert len(cut_notes(io.read(path))) == 1
-
-
 def test_lines_above_the_header_and_comments_are_left_out_and_noted(tmp_path):
     expected = written(tmp_path, text_of())
     for above in (
@@ -109,10 +101,3 @@ def test_a_row_of_units_below_the_header_sets_them_or_agrees(tmp_path):
     ):
         with pytest.raises(RecordingError, match=message):
             written(tmp_path, "\n".join([wrong, ",".join(units), *lines]))
-
-
-def test_rows_that_do_not_fit_the_first_line_are_refused_in_words(tmp_path):
-    with pytest.raises(
-        RecordingError, match="no table: line 3 has 3 values, and the header 1: 'My walk'; expected one"
-    ):
-        written(tmp_path, "My walk\na\n1,2,3\n")

@@ -1,13 +1,12 @@
 """Feet and strides as tables, gaitmap's stride lists, and the range between the feet in a file."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from made.frames import NEEDED, table
 from made.notes import texts
 
 from jgait import io
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, RangeReadings, RecordingError, Strides
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, RecordingError, Strides
 
 RATE = 200.0
 
@@ -57,20 +56,6 @@ def test_a_first_stride_from_standing_has_no_duration_because_it_begins_with_the
     assert found["walking_speed_mps"].notna().all()
 
 
-def test_whether_to_trust_a_width_stands_beside_it():
-    trusted = np.array([True, False, False, False, True])
-    found = io.strides_to_dataframe(estimate()._replace(diagnostics={"width_valid": trusted}))
-    assert list(found["width_valid"]) == [False, False, True, True]
-
-
-def test_a_source_without_contacts_has_no_columns_of_them():
-    found = io.strides_to_dataframe(estimate(strides(start=None, final_contact=None, end=None)))
-    assert "start_s" not in found and "stride_duration_s" not in found
-    np.testing.assert_allclose(found["standing_s"], [0.0, 0.8, 1.4, 2.0])
-    with pytest.raises(ValueError, match="need contacts and standing; these have no start, final_contact, end"):
-        io.to_gaitmap(estimate(strides(start=None, final_contact=None, end=None)), RATE)
-
-
 def test_no_gait_is_an_empty_table_and_no_strides_an_error():
     nobody = estimate(strides(valid=np.zeros(5, bool)))
     assert io.strides_to_dataframe(nobody).shape == (0, 13)
@@ -94,15 +79,6 @@ def test_gaitmaps_stride_list():
     assert list(right.index) == [2] and list(left.index) == [1, 3]
     np.testing.assert_array_equal(right.to_numpy(), [[280, 500, 280, 220, 360, 440]])
     np.testing.assert_array_equal(left.loc[1], [160, 380, 160, 100, 240, 320])
-
-
-def test_strides_are_written_as_files(tmp_path):
-    path = io.write_csv(io.strides_to_dataframe(estimate()), tmp_path / "strides.csv")
-    again = pd.read_csv(path)
-    pd.testing.assert_frame_equal(again, io.strides_to_dataframe(estimate()), check_dtype=False)
-    again = pd.read_csv(io.write_csv(io.to_gaitmap(estimate(), RATE), tmp_path / "gaitmap.csv"))
-    assert list(again.columns) == ["sensor", "s_id", "start", "end", "min_vel", "pre_ic", "tc", "ic"]
-    assert list(again["sensor"]) == ["right_sensor", "left_sensor", "left_sensor"]
 
 
 def test_table_of_a_foot():
@@ -166,26 +142,3 @@ def test_a_range_that_feet_cannot_have(change, message):
     frame, _ = with_range()
     with pytest.raises(RecordingError, match=message):
         io.recording_from_dataframe(frame.assign(feet_range=change(frame["feet_range"])))
-
-
-def test_a_range_that_was_never_heard_and_one_of_another_length():
-    frame, _ = with_range()
-    silent = io.recording_from_dataframe(frame.assign(feet_range=np.nan))
-    assert not silent.feet_range.mask.any() and "feet_range holds no reading" in texts(silent.notes)
-    assert io.recording_from_dataframe(frame.drop(columns="feet_range")).feet_range is None
-    with pytest.raises(ValueError, match="range_unit must be one of 'm', 'cm', 'mm'; got 'inch'"):
-        io.recording_from_dataframe(frame, range_unit="inch")
-    one = {"thigh_right": {"gyr": 100.0 * np.random.default_rng(0).normal(size=(600, 3))}}
-    with pytest.raises(RecordingError, match=r"feet_range must have one value a sample, \(600,\); got \(9,\)"):
-        io.recording_from_arrays(one, sampling_rate_hz=100.0, feet_range=np.ones(9))
-
-
-def test_a_range_on_a_gap_and_one_that_comes_oftener_than_samples():
-    frame, heard = with_range()
-    gap = io.recording_from_dataframe(frame.drop(index=range(100, 104)))
-    assert gap.feet_range.distance.size == 600 and gap.feet_range.mask.sum() == heard.sum()
-    assert gap.feet_range.mask[107] and not gap.feet_range.mask[100:104].any()
-    often = np.arange(0.0, 1.0, 0.004)
-    read = RangeReadings(often, np.full(often.size, 0.2), np.ones(often.size, bool))
-    with pytest.raises(ValueError, match="room for one range a sample"):
-        io.recording_to_dataframe(gap._replace(feet_range=read))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from made import files as made_files
 from made.frames import NEEDED, RATE, signals, table
 from made.notes import texts
 
@@ -49,27 +48,6 @@ def test_the_unit_in_the_names_of_columns_is_used(tmp_path, read, kind, unit, be
     assert [text for text in texts(recording.notes) if text.startswith("units by")] == [said]
 
 
-def test_each_signal_of_each_sensor_has_its_own_unit(tmp_path):
-    frame = stated("gyr", "rad/s", ["thigh_right"])
-    acc = [f"shank_right_acc_{axis}" for axis in "xyz"]
-    frame[acc] /= 9.80665
-    frame = frame.rename(columns={name: f"{name} (g)" for name in acc})
-    frame.to_parquet(tmp_path / "walk.parquet")
-    for recording in (io.recording_from_dataframe(frame), io.read(tmp_path / "walk.parquet")):
-        assert same(recording)
-        assert "units by the header: gyr in rad/s (thigh_right), acc in g (shank_right)" in texts(recording.notes)
-
-
-def test_one_sensor_with_bare_names_and_units(tmp_path):
-    path = made_files.named(tmp_path / "foot_right.csv", prefix="", degrees=False)
-    path.write_text(path.read_text().replace("gyr_x", "Gyr_X_[rad/s]", 1).replace("gyr_y", "Gyr_Y_[rad/s]", 1)
-                    .replace("gyr_z", "Gyr_Z_[rad/s]", 1))  # fmt: skip
-    made_files.check(io.read(path))
-    made_files.check(io.read_csv(path, placement="foot_right"))
-    with pytest.raises(RecordingError, match="for one sensor with bare names give its place"):
-        io.read_csv(path)
-
-
 def test_an_argument_wins_over_the_header(tmp_path):
     frame = stated("gyr", "rad/s", true="deg/s")
     frame.to_csv(tmp_path / "walk.csv", index=False)
@@ -113,7 +91,7 @@ def test_one_sensor_whose_header_is_wrong_does_not_cost_the_others():
     assert "rad/s by the header), but nothing worn while walking" in note.text
     assert note.text.endswith("it seems to be in deg/s; correct the header of this sensor")
     slow = io.recording_from_dataframe(stated("gyr", "deg/s", ["thigh_right"], true="rad/s"))
-    (note,) = (note for note in slow.notes if note.code == "gyroscope_slow")
+    (note,) = (note for note in slow.notes if note.code == "sensor_contradicts")
     assert note.text.startswith("thigh_right: the gyroscope reaches only")
     assert "(99th percentile, deg/s by the header) while" in note.text
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from experiments.common.replay.body import JointCentres, LegCentres, PelvisMarkers
-from jgait.io.formats.c3d_axes import Capture
+from jgait.io.formats.c3d import Capture
 from jgait.types import SIDES, RecordingError
 
 MIDDLE = ("hip", "knee", "ankle")

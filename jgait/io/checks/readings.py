@@ -13,37 +13,29 @@ from jgait.types import SIDES, Imu, RangeReadings, as_float
 MASKED = Kind("samples_masked", "check", "", LOSSES)
 """Readings that the sensor cannot have measured."""
 WRAPPED = Kind(
-    "channel_wrapped",
-    "check",
+    "channel_wrapped", "check",
     "{channel} jumps {times} {times:time|times} from one end of its range ({value:.4g} {unit}) to the other",
     "The movement was faster than the sensor's range, and its peaks come out with the wrong sign. The results of this "
     "sensor are wrong; a sensor with a larger range avoids this.",
-)
+)  # fmt: skip
 UNWRAPPED = WRAPPED._replace(
-    code="channel_unwrapped",
-    severity="corrected",
+    code="channel_unwrapped", severity="corrected",
     meaning="The movement was faster than the sensor's range, and its peaks came out with the wrong sign. A whole "
     "range was added to them or taken from them. A sensor with a larger range avoids this.",
-)
+)  # fmt: skip
 CHANNEL_CONSTANT = Kind(
-    "channel_constant",
-    "check",
-    "{channel} is constant at {value:.4g} {unit}",
+    "channel_constant", "check", "{channel} is constant at {value:.4g} {unit}",
     "One axis of a sensor gives the same value all the time: it is broken, or was not recorded.",
-)
+)  # fmt: skip
 ACCELEROMETER_COARSE = Kind(
-    "accelerometer_coarse",
-    "info",
-    "{placement}: the accelerometer reads in steps of {step:.2g} m/s²",
+    "accelerometer_coarse", "info", "{placement}: the accelerometer reads in steps of {step:.2g} m/s²",
     "Standing may not be found, tilts are less certain, and lengths and distances may change by several per cent. "
     "Record with a finer resolution, or export more digits.",
-)
+)  # fmt: skip
 CHANNEL_CLIPPED = Kind(
-    "channel_clipped",
-    "check",
-    "{placement}: {channel} is clipped at ±{value:.4g} {unit} in {samples} {samples:sample|samples}",
-    CLIPPING,
-)
+    "channel_clipped", "check",
+    "{placement}: {channel} is clipped at ±{value:.4g} {unit} in {samples} {samples:sample|samples}", CLIPPING,
+)  # fmt: skip
 RANGE_LOST = Kind("range_lost", "check", "", NO_RANGE)
 """A range between the feet that was not measured."""
 SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
@@ -90,7 +82,7 @@ def without_damage(
 def finest_step(values: np.ndarray) -> float:
     """The least change that is not 0 between neighbouring samples of any axis; 0 where nothing changes."""
     steps = np.abs(np.diff(values, axis=0))
-    return float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
+    return float(steps[steps > 0.0].min()) if (steps > 0.0).any() else 0.0
 
 
 def _impossible(signals: dict[str, np.ndarray], rate: float) -> list[str]:
@@ -262,22 +254,21 @@ def channel_notes(placement: str, imu: Imu) -> list[Note]:
     step = 0.0 if imu.acc is None else finest_step(np.asarray(imu.acc)[mask])
     if step >= at.COARSE:
         notes.append(ACCELEROMETER_COARSE(placement=placement, step=step))
-    for kind, signal in (("gyr", imu.gyr), ("acc", imu.acc)):
-        for axis, values in zip("xyz", np.zeros((3, 0)) if signal is None else as_float(signal).T, strict=True):
-            there, channel, unit = values[mask[: len(values)]], f"{kind}_{axis}", SIGNALS[kind][1]
-            if not len(there):
-                continue
-            if np.ptp(there) == 0.0:
-                notes.append(CHANNEL_CONSTANT(channel=f"{placement} {channel}", value=there[0], unit=unit))
-                continue
-            coarse = finest_step(there) if kind == "acc" else 0.0
-            clips = {abs(float(limit)): n for limit in (there.max(), there.min())
-                     if abs(limit) >= at.CLIP_FLOOR[kind] and (n := _clipped(values, mask, limit, coarse))}  # fmt: skip
-            if clips:
-                value, count = max(clips), sum(clips.values())
-                notes.append(
-                    CHANNEL_CLIPPED(placement=placement, channel=channel, value=value, unit=unit, samples=count)
-                )
+    signals = {"gyr": imu.gyr} | ({} if imu.acc is None else {"acc": imu.acc}) if mask.any() else {}
+    channels = [
+        (kind, axis, as_float(signal)[:, k]) for kind, signal in signals.items() for k, axis in enumerate("xyz")
+    ]
+    for kind, axis, values in channels:
+        there, channel, unit = values[mask], f"{kind}_{axis}", SIGNALS[kind][1]
+        if np.ptp(there) == 0.0:
+            notes.append(CHANNEL_CONSTANT(channel=f"{placement} {channel}", value=there[0], unit=unit))
+            continue
+        coarse = finest_step(there) if kind == "acc" else 0.0
+        clips = {abs(float(limit)): n for limit in (there.max(), there.min())
+                 if abs(limit) >= at.CLIP_FLOOR[kind] and (n := _clipped(values, mask, limit, coarse))}  # fmt: skip
+        if clips:
+            about = {"channel": channel, "value": max(clips), "unit": unit, "samples": sum(clips.values())}
+            notes.append(CHANNEL_CLIPPED(placement=placement, **about))
     return notes
 
 

@@ -122,7 +122,12 @@ def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[
         return []
     if (first in accused) != (second in accused):
         return [((first,), _apart(first, turn, ratio, second))]
-    return [((first, second), _apart(f"{first} or {second}", turn, ratio, "the other"))]
+    one = (
+        "{placement} and {other}: in a turn by {degrees:.0f}° one turns {ratio:.2f} times as far as the other; a sign, "
+        "the order of axes, the unit or the scale is wrong in one of the two"
+    )
+    note = CONTRADICTS.note(one, placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio)
+    return [((first, second), note)]
 
 
 def _means(values: np.ndarray, samples: int) -> np.ndarray:

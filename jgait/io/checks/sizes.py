@@ -8,6 +8,7 @@ import numpy as np
 from jgait.estimators.checks import FASTEST, busy, fast_rate
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, unit_of_gravity
+from jgait.notes import Kind
 from jgait.quality import SensorQuality
 from jgait.types import SIDES, AnyArray, Imu, RecordingError, as_float
 
@@ -52,6 +53,23 @@ RAW_COUNTS = "its numbers are whole, as raw counts of a converter are."
 
 NO_GRAVITY = ": gravity was taken off; record or export the specific force, with gravity"
 
+COUNTS_GIVEN = Kind(
+    "counts_given", "check",
+    "{placement}: the numbers of its gyroscope are whole, as raw counts of a converter are; they are taken to be in "
+    "{unit}, as given",
+    "If they are counts, angles and lengths of this sensor have a wrong scale: multiply its columns by the sensor's "
+    "sensitivity, and state that unit.",
+)  # fmt: skip
+
+
+class _Fault(NamedTuple):
+    """Why the numbers of a sensor cannot be right."""
+
+    part: str  #: of the sensor.
+    words: str
+    meant: str = ""  #: the unit that may be meant.
+    unclear: str = ""  #: what to do if none is meant.
+
 
 def usable_sensors(
     sensors: Mapping[str, Imu], units: Units, name: str
@@ -62,83 +80,68 @@ def usable_sensors(
         RecordingError: if no sensor has signals, or the sizes of most contradict their unit: a limb turns
             impossibly fast, a moving person impossibly slowly, or the accelerometer does not measure gravity.
     """
-    left, faulty = dict(sensors), dict[str, SensorQuality]()
-    for check in (_dead, _too_fast, _without_gravity):
-        part, faults, right = check(left, units)
-        if len(faults) > len(right):
-            worst = next(iter(faults))
-            words, meant = faults[worst]
-            whose = f"the {part} of {worst}" if part else worst
-            raise RecordingError(f"{name}: {whose} {words}", argument=f"{part[:3]}_unit" if meant else "", value=meant)
-        for placement, (words, _) in faults.items():
-            del left[placement]
-            faulty[placement] = SensorQuality(left_out=f"{f'its {part}' if part else 'it'} {words}")
+    dead = {placement: words for placement, imu in sensors.items() if (words := _dead(imu))}
+    if len(dead) == len(sensors):
+        first = next(iter(dead))
+        raise RecordingError(f"{name}: {first} {dead[first].removeprefix('it ')}")
+    left = {placement: imu for placement, imu in sensors.items() if placement not in dead}
+    faults = {
+        placement: fault for placement, imu in left.items() if (fault := _fault(placement, imu, units[placement]))
+    }
+    right = [placement for placement, imu in left.items()
+             if placement not in faults and SLOWEST_WALK < fast_rate(imu) < IN_RADIANS]  # fmt: skip
+    advice = {p: _advice(fault, units[p][fault.part[:3]], right) for p, fault in faults.items()}
+    if len(faults) > len(right):
+        worst = max(faults, key=lambda placement: fast_rate(left[placement]))
+        part, words, meant, _ = faults[worst]
+        raise RecordingError(
+            f"{name}: the {part} of {worst} {words}{advice[worst]}",
+            argument=f"{part[:3]}_unit" if meant and not right else "", value=meant,
+        )  # fmt: skip
+    left = {placement: imu for placement, imu in left.items() if placement not in faults}
     _check_moving(left, units, name)
-    return left, faulty
+    dead |= {placement: f"its {fault.part} {fault.words}{advice[placement]}" for placement, fault in faults.items()}
+    return left, {placement: SensorQuality(left_out=words) for placement, words in dead.items()}
 
 
-type _Found = tuple[str, dict[str, tuple[str, str]], list[str]]
-"""Part that is judged; placement → why its numbers cannot be right and the unit that may be meant; those that are."""
+def _dead(imu: Imu) -> str:
+    """Why a sensor has no signal: no sample, or all axes of the gyroscope constant; "" if it has one."""
+    there = as_float(imu.gyr)[np.asarray(imu.mask)]
+    if not len(there):
+        return f"it has no usable sample; all {len(imu.gyr)} are missing"
+    reading = ", ".join(f"{value:.4g}" for value in there[0])
+    return "" if np.ptp(there, axis=0).any() else f"its gyroscope is constant at ({reading}) rad/s; it recorded nothing"
 
 
-def _dead(sensors: Mapping[str, Imu], _: Units) -> _Found:
-    """Gyroscopes without data: no sample, or all axes constant."""
-    faults, part = {}, "gyroscope"
-    for placement, imu in sensors.items():
-        there = as_float(imu.gyr)[np.asarray(imu.mask)]
-        if not len(there):
-            faults[placement], part = (f"has no usable sample; all {len(imu.gyr)} are missing", ""), ""
-        elif (np.ptp(there, axis=0) == 0.0).all():
-            reading = ", ".join(f"{value:.4g}" for value in there[0])
-            faults[placement] = f"is constant at ({reading}) rad/s; it recorded nothing", ""
-    return part, faults, list(sensors) if len(faults) < len(sensors) else []
-
-
-def _too_fast(sensors: Mapping[str, Imu], units: Units) -> _Found:
-    """Sensors that turn impossibly fast, the fastest first; others that turn as those of a walking person are right."""
-    rates = {placement: fast_rate(imu) for placement, imu in sensors.items()}
-    right = [placement for placement, rate in rates.items() if SLOWEST_WALK < rate < IN_RADIANS]
-    faults = {}
-    for placement in sorted((p for p in rates if rates[p] > FASTEST), key=lambda p: -rates[p]):
-        rate, unit = rates[placement], units[placement]["gyr"]
-        raw = np.round(as_float(sensors[placement].gyr) / GYR_UNITS[unit.name], 6)
+def _fault(placement: str, imu: Imu, units: Mapping[str, Unit]) -> _Fault | None:
+    """The fault of a sensor that turns impossibly fast, or does not measure gravity where it is calm."""
+    rate, unit = fast_rate(imu), units["gyr"]
+    if rate > FASTEST:
+        counts = are_counts(np.round(as_float(imu.gyr) / GYR_UNITS[unit.name], 6))
         # too fast in deg/s, it is in mrad/s or was converted twice, and these are close
-        meant = "" if unit.name == "deg/s" or are_counts(raw) else _rate_meant(rate, unit)
-        cause = RAW_COUNTS if are_counts(raw) else "is it in mrad/s, or was it converted twice?"
-        twice = f"; {cause} State the unit, or correct its columns in the file"
-        advice = _advice(meant, unit, right, twice if np.deg2rad(rate) < IN_RADIANS or are_counts(raw) else "")
-        faults[placement] = (
-            f"reaches {rate:.4g} rad/s (99th percentile, {unit}), but nothing worn while walking exceeds {FASTEST:g} "
-            f"rad/s{advice}",
-            "" if right else meant,
-        )
-    return "gyroscope", faults, right
-
-
-def _without_gravity(sensors: Mapping[str, Imu], units: Units) -> _Found:
-    """Sensors whose accelerometer does not measure gravity where it is calm."""
-    forces, (low, high) = {}, (bound * GRAVITY for bound in GRAVITY_RANGE)
-    for placement, imu in sensors.items():
-        if imu.acc is None:
-            continue
-        acc = as_float(imu.acc)[np.asarray(imu.mask)]
-        usual = float(np.median(np.linalg.norm(acc, axis=1)))
-        # a trunk that never rests is calm in mid stance, where it feels less than gravity; its median is near it
-        trunk = not placement.endswith(SIDES) and low <= usual <= high
-        forces[placement] = usual if trunk else calm_force(acc, 1.0 / float(np.median(np.diff(imu.time))))
-    right, faults = [placement for placement, force in forces.items() if low <= force <= high], {}
-    for placement, force in forces.items():
-        if placement in right:
-            continue
-        unit = units[placement]["acc"]
-        steady = measures_gravity(as_float(sensors[placement].acc))
-        meant = unit_of_gravity(force / ACC_UNITS[unit.name], GRAVITY_RANGE) if steady else ""
-        advice = _advice(meant, unit, right, ": check the unit" if steady else NO_GRAVITY)
-        faults[placement] = (
-            f"reads {force:.4g} m/s² where it is calm ({unit}), but gravity alone is {GRAVITY:.4g} m/s²{advice}",
-            "" if right else meant,
-        )
-    return "accelerometer", faults, right
+        cause = RAW_COUNTS if counts else "is it in mrad/s, or was it converted twice?"
+        unclear = f"; {cause} State the unit, or correct its columns in the file"
+        return _Fault(
+            "gyroscope", f"reaches {rate:.4g} rad/s (99th percentile, {unit}), but nothing worn while walking exceeds "
+            f"{FASTEST:g} rad/s", "" if unit.name == "deg/s" or counts else _rate_meant(rate, unit),
+            unclear if np.deg2rad(rate) < IN_RADIANS or counts else "",
+        )  # fmt: skip
+    if imu.acc is None:
+        return None
+    (low, high), unit = (bound * GRAVITY for bound in GRAVITY_RANGE), units["acc"]
+    acc = as_float(imu.acc)[np.asarray(imu.mask)]
+    force = float(np.median(np.linalg.norm(acc, axis=1)))
+    # a trunk that never rests is calm in mid stance, where it feels less than gravity; its median is near it
+    if placement.endswith(SIDES) or not low <= force <= high:
+        force = calm_force(acc, 1.0 / float(np.median(np.diff(imu.time))))
+    if low <= force <= high:
+        return None
+    steady = measures_gravity(as_float(imu.acc))
+    return _Fault(
+        "accelerometer", f"reads {force:.4g} m/s² where it is calm ({unit}), but gravity alone is {GRAVITY:.4g} m/s²",
+        unit_of_gravity(force / ACC_UNITS[unit.name], GRAVITY_RANGE) if steady else "",
+        ": check the unit" if steady else NO_GRAVITY,
+    )  # fmt: skip
 
 
 def _rate_meant(rate: float, unit: Unit) -> str:
@@ -209,11 +212,11 @@ def _correct(unit: Unit) -> str:
     return "correct the header, or " if unit.origin == "header" else ""
 
 
-def _advice(meant: str, unit: Unit, others: Sequence[str], unclear: str) -> str:
+def _advice(fault: _Fault, unit: Unit, others: Sequence[str]) -> str:
     """What to do about a sensor that seems to be in another unit than the stated one, or in none that is known."""
-    if not meant:
-        return unclear
-    seems = f": it seems to be in {meant.replace('^2', '²')}"
+    if not fault.meant:
+        return fault.unclear
+    seems = f": it seems to be in {fault.meant.replace('^2', '²')}"
     if not others:
         return f"{seems}; {_correct(unit)}pass {{argument}}"
     if unit.origin == "header":

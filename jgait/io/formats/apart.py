@@ -23,16 +23,15 @@ import numpy as np
 from jgait.io.checks.sizes import measures_gravity
 from jgait.io.files import check_file
 from jgait.io.formats.clocks import clock_of
-from jgait.io.formats.part import Measured, Part
+from jgait.io.formats.part import UP_UNSURE, Measured, Part
+from jgait.io.formats.text import first_bytes
 from jgait.io.names import KINDS, placement_of
 from jgait.io.text import read_table, separator_of, split
 from jgait.io.units import unit_of_columns
-from jgait.notes import AS_READ, Kind, Note
+from jgait.notes import AS_READ, Note
 from jgait.types import RecordingError
 
 EXPECTED = "a folder with a table for each signal of a sensor, such as Accelerometer.csv and Gyroscope.csv"
-ENDINGS = (".csv", ".tsv", ".txt")
-HEAD = 4096
 
 AXIS = re.compile(r"(?P<what>.*?)[\W_]*(?P<axis>[xyz])(?:[\W_]*axis)?\s*(?:[(\[][^()\[\]]*[)\]])?", re.IGNORECASE)
 """Pattern of a column's name: a signal, its axis, and perhaps a unit in brackets."""
@@ -58,19 +57,12 @@ APPS = {LOGGER: r"seconds_elapsed", "phyphox": r"\w+ \(s\)", "MetaBase": r"epoc 
 ADDRESS = re.compile(r"(?<![0-9A-F])[0-9A-F]{12}(?![0-9A-F])")
 """Pattern of a device's address in the name of a file."""
 
-SIGNS_ASSUMED = Kind(
-    "signs_assumed", "check",
-    "{sensor}: at rest, the accelerometer's axis that points up is taken to read +1 g; on an iPhone it may read −1 g",
-    "The files name no program whose signs are known, and the signals do not show them. With wrong signs, right and "
-    "left of a sensor at the waist are exchanged.",
-)  # fmt: skip
-
 
 class AxisColumns(NamedTuple):
     """Three columns of a table that are the axes of one signal."""
 
     signal: str  #: a key of `SIGNALS`.
-    names: tuple[str, str, str]  #: of x, y and z.
+    names: tuple[str, ...]  #: of x, y and z.
     words: str  #: the name that states the signal, in lower case, without anything but letters.
 
 
@@ -100,13 +92,11 @@ def _signals(names: Sequence[str], stem: str) -> list[AxisColumns]:
     for what, of_axis in axes.items():
         if set(of_axis) != set("xyz") or placement_of(what):
             continue
-        columns = (of_axis["x"], of_axis["y"], of_axis["z"])
-        words = _letters(what or stem)
+        columns, words = tuple(of_axis[axis] for axis in "xyz"), _letters(what or stem)
         signal = next((signal for signal, pattern in SIGNALS.items() if re.search(pattern, words)), None)
         if signal is None and not what:
             signal = next((kind for kind in ("gyr", "acc") if _unit(columns, kind)), None)
-        if signal is not None:
-            result.append(AxisColumns(signal, columns, words))
+        result += [AxisColumns(signal, columns, words)] if signal else []
     return result
 
 
@@ -120,10 +110,9 @@ def _unit(names: Sequence[str], kind: str) -> str | None:
 
 def _head(file: Path) -> list[AxisColumns]:
     """The signals in the header of a file; none of a file that is no table."""
-    if file.suffix.lower() not in ENDINGS or file.name.startswith(".") or not file.is_file():
+    if file.suffix.lower() not in (".csv", ".tsv", ".txt") or file.name.startswith(".") or not file.is_file():
         return []
-    with file.open("rb") as stream:
-        lines = stream.read(HEAD).decode("utf-8-sig", "replace").splitlines()
+    lines = first_bytes(file).decode("utf-8-sig", "replace").splitlines()
     line = next(filter(str.strip, lines), "")
     return _signals(split(line, separator_of(line)), file.stem)
 
@@ -136,15 +125,13 @@ def _key(file: Path) -> str:
 
 def _devices(folder: Path) -> list[list[Path]]:
     """The files of each device of a folder, where some files have a gyroscope and others the accelerometer."""
-    heads = {file: head for file in sorted(folder.iterdir()) if len(head := _head(file)) == 1}
+    signal_of = {file: head[0].signal for file in sorted(folder.iterdir()) if len(head := _head(file)) == 1}
     groups: dict[str, list[Path]] = {}
-    for file in heads:
+    for file in signal_of:
         groups.setdefault(_key(file), []).append(file)
-    kinds = {key: {heads[file][0].signal for file in files} for key, files in groups.items()}
-    whole = [files for key, files in groups.items() if "gyr" in kinds[key] and len(kinds[key]) > 1]
-    if not whole and sum(head[0].signal == "gyr" for head in heads.values()) == 1 and len(heads) > 1:
-        return [list(heads)]
-    return whole
+    whole = [files for files in groups.values() if {"gyr"} < {signal_of[file] for file in files}]
+    one = list(signal_of.values()).count("gyr") == 1 and len(signal_of) > 1
+    return [list(signal_of)] if one and not whole else whole
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -168,25 +155,21 @@ def measured(path: Path) -> Measured:
     Raises:
         RecordingError: if a file is none of this format, has no gyroscope, or only acceleration without gravity.
     """
-    if path.is_dir():
-        devices = _devices(path)
-    else:
+    devices = _devices(path if path.is_dir() else path.parent)
+    if not path.is_dir():
         check_file(path, EXPECTED)
-        devices = [files for files in _devices(path.parent) if path in files] or [[path]]
+        devices = [files for files in devices if path in files] or [[path]]
         if len(devices[0]) > 1 and _head(path)[0].signal != "gyr":
             gyroscope = next(file.name for file in devices[0] if _head(file)[0].signal == "gyr")
-            raise RecordingError(
-                f"{path.name} holds no gyroscope; that of the same sensor is in {gyroscope}: give this file, or the "
-                "folder of both"
-            )
+            where = f"that of the same sensor is in {gyroscope}: give this file, or the folder of both"
+            raise RecordingError(f"{path.name} holds no gyroscope; {where}")
     if not devices:
         raise RecordingError(f"{path.name} holds no gyroscope, which every method needs; expected {EXPECTED}")
     addresses = [match.group() if (match := ADDRESS.search(files[0].name)) else None for files in devices]
     if len(devices) > 1 and (None in addresses or len(set(addresses)) < len(devices)):
         named = ", ".join(files[0].name for files in devices[:3])
-        raise RecordingError(
-            f"{path.name} holds {len(devices)} recordings, such as {named}: give the gyroscope's file of one of them"
-        )
+        what = f"{len(devices)} recordings, such as {named}: give the gyroscope's file of one of them"
+        raise RecordingError(f"{path.name} holds {what}")
     notes: list[Note] = []
     name = path.name if path.is_dir() else path.stem if len(devices[0]) == 1 else _key(path) or path.parent.name
     labels = [name] if len(devices) == 1 else [str(address) for address in addresses]
@@ -204,25 +187,25 @@ def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:
     if not of["gyr"]:
         raise RecordingError(f"{files[0].name} holds no gyroscope; expected {EXPECTED}")
     gyr, acc = of["gyr"][0], _accelerometer(of, label, notes)
-    begin_s = gyr.begin_s
-    if acc is not None and (acc.begin_s is None) != (begin_s is None):
+    part = Part(label, gyr.values, None, gyr.time, gyr_unit=gyr.unit, begin_s=gyr.begin_s)
+    if acc is None:
+        return part
+    if (acc.begin_s is None) != (gyr.begin_s is None):
         raise RecordingError(f"{label}: {gyr.file.name} and {acc.file.name} have different kinds of times")
-    if acc is not None and acc.time is not None and acc.begin_s is not None and begin_s is not None:
-        acc = acc._replace(time=acc.time + (acc.begin_s - begin_s))
-    if acc is not None and not (gyr.app or re.search(APPLE, gyr.columns.words)):
-        notes.append(SIGNS_ASSUMED(sensor=label))
-    if acc is not None and _turned_round(files[0].parent, every):
-        acc = acc._replace(values=-acc.values)
-        notes.append(
-            AS_READ.note(f"{label}: the signs of the accelerometer are turned round, for the phone's system is iOS")
-        )
-    if acc is not None and acc.time is None and len(acc.values) != len(gyr.values):
+    if acc.time is None and len(acc.values) != len(gyr.values):
         raise RecordingError(f"{label}: {acc.file.name} and {gyr.file.name} have no times, and are not of one length")
-    return Part(
-        label, gyr.values, None if acc is None else acc.values, gyr.time,
-        gyr_unit=gyr.unit, acc_unit=None if acc is None else acc.unit, begin_s=begin_s,
-        acc_time=None if acc is None or acc.file == gyr.file else acc.time,
-    )  # fmt: skip
+    if not (gyr.app or re.search(APPLE, gyr.columns.words)):
+        text = "at rest, the accelerometer's axis that points up is taken to read +1 g; on an iPhone it may read −1 g"
+        notes.append(UP_UNSURE.note(f"{label}: {text}: the files name no program whose signs are known"))
+    turned = _turned_round(files[0].parent, every)
+    if turned:
+        why = "the signs of the accelerometer are turned round, for the phone's system is iOS"
+        notes.append(AS_READ.note(f"{label}: {why}"))
+    own = acc.file != gyr.file and acc.time is not None
+    since = (acc.begin_s or 0.0) - (gyr.begin_s or 0.0)
+    return part._replace(
+        acc=-acc.values if turned else acc.values, acc_unit=acc.unit, acc_time=acc.time + since if own else None
+    )
 
 
 def _accelerometer(of: dict[str, list[Signal]], label: str, notes: list[Note]) -> Signal | None:

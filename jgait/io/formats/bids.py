@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 EXPECTED = "a BIDS motion file (*_motion.tsv)"
-ENDINGS = ("_motion.tsv", "_motion.tsv.gz")
 NEEDED = ("name", "component", "type", "units")
 LEVELS = 5
 """Largest number of parent folders that are searched for inherited files; the search ends at the data set's root."""
@@ -50,74 +49,57 @@ UNITS = {"GYRO": tuple(GYR_UNITS), "ACCEL": tuple(ACC_UNITS), "LATENCY": ("s", "
 """Type of channel → its units."""
 
 CHANNELS_BAD = Kind(
-    "channels_bad",
-    "check",
-    "{sensor}: channels.tsv calls {channels} bad",
+    "channels_bad", "check", "{sensor}: channels.tsv calls {channels} bad",
     "Whoever made the data set had doubts about these signals; they are used as they are.",
-)
+)  # fmt: skip
 
 
 def recognises(path: Path, head: bytes) -> bool:
     """Whether its name is that of a BIDS motion file."""
-    return path.name.endswith(ENDINGS)
+    return path.name.endswith(("_motion.tsv", "_motion.tsv.gz"))
 
 
 def measured(path: Path) -> Measured:
     """Every tracked point of a motion file that has a gyroscope; the errors have file, expected and actual content."""
     check_file(path, EXPECTED)
     stem = re.sub(r"_motion\.tsv(\.gz)?$", "", path.name)
-    channels = _channels(path, stem)
-    about = _about(path, stem)
-    notes: list[Note] = []
+    channels, about, notes = _channels(path, stem), _about(path, stem), list[Note]()
     values = _values(path, list(channels["name"]), notes)
     nominal = positive(about.get("SamplingFrequency"))
     rate = positive(about.get("SamplingFrequencyEffective"), nominal)
     if rate and nominal and abs(rate / nominal - 1.0) > SAME_RATE:
         notes.append(AS_READ.note(f"motion.json: SamplingFrequencyEffective {rate:g} Hz beside {nominal:g} Hz"))
-    latency = channels[channels["type"] == "LATENCY"].iloc[:1]
-    time = None if latency.empty else TIME_UNITS[_unit(path, latency, "LATENCY") or "s"] * values[:, latency.index[0]]
+    _, latency, unit = _signal(path, "", channels, "LATENCY", values)
+    time = None if latency is None else TIME_UNITS[unit or "s"] * latency[:, 0]
     frames = _frames(path, stem)
-    parts, left_out = list[Part](), list[str]()
-    for point in dict.fromkeys(channels["tracked_point"]):
-        rows = channels[channels["tracked_point"] == point]
-        if not (rows["type"] == "GYRO").any():
-            left_out.append(point)
-            continue
-        parts.append(_part(path, point, rows, values, time, rate, frames, notes))
+    points = {point: channels[channels["tracked_point"] == point] for point in dict.fromkeys(channels["tracked_point"])}
+    parts = [_part(path, point, rows, values, time, rate, frames, notes) for point, rows in points.items()
+             if "GYRO" in set(rows["type"])]  # fmt: skip
     if not parts:
-        kinds = sorted(set(channels["type"]))
-        raise RecordingError(
-            f"{path.name} holds no gyroscope: expected channels of type GYRO, found {', '.join(kinds)}"
-        )
-    if left_out:
-        notes.append(LEFT_OUT.note("left out: " + ", ".join(f"{point} (no gyroscope)" for point in left_out)))
-    notes.extend(_others(path, stem))
+        kinds = ", ".join(sorted(set(channels["type"])))
+        raise RecordingError(f"{path.name} holds no gyroscope: expected channels of type GYRO, found {kinds}")
+    if left_out := [f"{point} (no gyroscope)" for point, rows in points.items() if "GYRO" not in set(rows["type"])]:
+        notes.append(LEFT_OUT.note("left out: " + ", ".join(left_out)))
+    pattern = re.sub(r"_tracksys-[^_]+", "_tracksys-*", stem) + "_motion.tsv*"
+    if others := sorted(file.name for file in path.absolute().parent.glob(pattern) if file.name != path.name):
+        notes.append(AS_READ.note("the same walk was measured by other systems too: {files}", files=others))
     entity = re.match(r"sub-([^_]+)", path.name)
     subject = entity.group(1) if entity else ""
-    notes.extend(_participant(path, subject))
-    return Measured(parts, stem, subject, tuple(notes))
+    return Measured(parts, stem, subject, (*notes, *_participant(path, subject)))
 
 
 def _folders(path: Path) -> list[Path]:
     """The file's folder and those above it, up to the data set's root."""
-    folders: list[Path] = []
-    for folder in list(path.absolute().parents)[:LEVELS]:
-        folders.append(folder)
-        if (folder / "dataset_description.json").exists():
-            break
-    return folders
+    folders = list(path.absolute().parents)[:LEVELS]
+    root = next((k for k, folder in enumerate(folders) if (folder / "dataset_description.json").exists()), LEVELS)
+    return folders[: root + 1]
 
 
 def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
     """Files of a kind that apply to this file, the nearest first: their entities are a subset of this file's."""
-    entities = set(stem.split("_"))
-    files = []
+    entities, files = {*stem.split("_"), ""}, list[Path]()
     for folder in _folders(path):
-        here = [
-            file
-            for file in folder.glob(f"*{kind}")
-            if set(file.name.removesuffix(kind).rstrip("_").split("_")) <= entities | {""}
-        ]
+        here = [file for file in folder.glob(f"*{kind}") if set(file.name.removesuffix(kind).split("_")) <= entities]
         files += sorted(here, key=lambda file: -len(file.name))
     return files
 
@@ -143,16 +125,11 @@ def _channels(path: Path, stem: str) -> "pd.DataFrame":
     file = next(iter(_inherited(path, stem, "channels.tsv")), None)
     if file is None:
         raise RecordingError(f"{path.name} needs {stem}_channels.tsv, which states what its columns are; there is none")
-    table = _table(file, dtype=str).fillna("")
-    table.columns = [str(column).strip() for column in table.columns]
-    lacking = [column for column in NEEDED if column not in table.columns]
-    if lacking or not len(table):
-        raise RecordingError(
-            f"{file.name} lacks {', '.join(lacking) or 'rows'}; expected {', '.join(NEEDED)}, found "
-            f"{', '.join(table.columns)} and {len(table)} rows"
-        )
-    for column in table.columns:
-        table[column] = table[column].str.strip()
+    table = _table(file, dtype=str).fillna("").rename(columns=str.strip)
+    if lacking := [column for column in NEEDED if column not in table.columns]:
+        expected, found = ", ".join(NEEDED), ", ".join(table.columns)
+        raise RecordingError(f"{file.name} lacks {', '.join(lacking)}; expected {expected}, found {found}")
+    table = table.apply(lambda column: column.str.strip())
     if "tracked_point" not in table:
         table["tracked_point"] = path.name
     table["type"] = table["type"].str.upper().replace({"ACC": "ACCEL", "GYR": "GYRO"})
@@ -173,86 +150,61 @@ def _about(path: Path, stem: str) -> Tree:
 
 def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
     """(T, channels) numbers, NaN for n/a."""
-    first = _table(path, header=None, nrows=1, dtype=str)
-    header = [str(cell).strip() for cell in first.iloc[0]] == names
-    table = _table(path, header=None, skiprows=1 if header else 0)
+    check_columns(names, path.name)
+    header = [str(cell).strip() for cell in _table(path, header=None, nrows=1, dtype=str).iloc[0]] == names
+    table = _table(path, header=None, skiprows=int(header))
     if header:
         notes.append(AS_READ.note("the motion file has a header, which BIDS does not foresee; it was skipped"))
-    check_columns(names, path.name)
     if table.shape[1] != len(names):
-        raise RecordingError(
-            f"{path.name} has {table.shape[1]} columns, its channels.tsv {len(names)} rows; they must agree"
-        )
-    for position, name in enumerate(names):
-        wrong = no_numbers(table.iloc[:, position])
-        if len(wrong):
-            raise RecordingError(
-                f"{path.name}: {name} holds {wrong.iloc[0]!r} in row {wrong.index[0]}; expected a number"
-            )
+        rows = f"{table.shape[1]} columns, its channels.tsv {len(names)} rows"
+        raise RecordingError(f"{path.name} has {rows}; they must agree")
+    for name, (_, column) in zip(names, table.items(), strict=True):
+        if len(wrong := no_numbers(column)):
+            cell = f"{wrong.iloc[0]!r} in row {wrong.index[0]}"
+            raise RecordingError(f"{path.name}: {name} holds {cell}; expected a number")
     return np.asarray(table.to_numpy(np.float64), np.float64)
-
-
-def _unit(path: Path, rows: "pd.DataFrame", kind: str) -> str | None:
-    """The common unit of some channels; None where the file states none."""
-    stated = dict.fromkeys(rows["units"])
-    if len(stated) > 1:
-        raise RecordingError(f"{path.name}: {', '.join(rows['name'])} must share a unit; they have {', '.join(stated)}")
-    unit = next(iter(stated))
-    if not unit:
-        return None
-    unit_of_ours = known_unit(unit) or unit
-    if unit_of_ours not in UNITS[kind]:
-        raise RecordingError(
-            f"{path.name}: {rows['name'].iloc[0]} ({kind}) is in {unit!r}; expected one of {', '.join(UNITS[kind])}"
-        )
-    return unit_of_ours
 
 
 def _signal(
     path: Path, point: str, rows: "pd.DataFrame", kind: str, values: np.ndarray
-) -> tuple[np.ndarray | None, str | None]:
-    """(T, 3) and its unit; None where the point has no such channels."""
-    here = rows[rows["type"] == kind]
-    if not len(here):
-        return None, None
-    if sorted(here["component"]) != ["x", "y", "z"]:
-        raise RecordingError(
-            f"{path.name}: {kind} of {point!r} must have the components x, y and z, once each; it has "
-            f"{', '.join(here['component'])} ({', '.join(here['name'])})"
-        )
-    here = here.sort_values("component")
-    return values[:, here.index.to_numpy()], _unit(path, here, kind)
+) -> tuple[list[str], np.ndarray | None, str | None]:
+    """Names of the channels of a kind, their values (T, 3), and their unit; None where there are no such channels."""
+    here = rows[rows["type"] == kind].sort_values("component", kind="stable")
+    names, units = list(here["name"]), list(dict.fromkeys(here["units"]))
+    if not names:
+        return names, None, None
+    if kind != "LATENCY" and list(here["component"]) != ["x", "y", "z"]:
+        there = f"{', '.join(rows[rows['type'] == kind]['component'])} ({', '.join(names)})"
+        needs = "must have the components x, y and z, once each"
+        raise RecordingError(f"{path.name}: {kind} of {point!r} {needs}; it has {there}")
+    if len(units) > 1:
+        raise RecordingError(f"{path.name}: {', '.join(names)} must share a unit; they have {', '.join(units)}")
+    unit = known_unit(units[0]) or units[0] or None
+    if unit and unit not in UNITS[kind]:
+        expected = ", ".join(UNITS[kind])
+        raise RecordingError(f"{path.name}: {names[0]} ({kind}) is in {unit!r}; expected one of {expected}")
+    return names, values[:, here.index.to_numpy()], unit
 
 
 def _part(
-    path: Path,
-    point: str,
-    rows: "pd.DataFrame",
-    values: np.ndarray,
-    time: np.ndarray | None,
-    rate: float | None,
-    frames: dict[str, str],
-    notes: list[Note],
-) -> Part:
-    """One tracked point."""
-    gyr, gyr_unit = _signal(path, point, rows, "GYRO", values)
-    acc, acc_unit = _signal(path, point, rows, "ACCEL", values)
-    if gyr is None:
-        raise RecordingError(f"{path.name}: {point!r} has no angular rate")
-    used = rows[rows["type"].isin(["GYRO", "ACCEL"])]
-    place = None
+    path: Path, point: str, rows: "pd.DataFrame", values: np.ndarray, time: np.ndarray | None, rate: float | None,
+    frames: dict[str, str], notes: list[Note],
+) -> Part:  # fmt: skip
+    """One tracked point, which has a gyroscope."""
+    names, gyr, gyr_unit = _signal(path, point, rows, "GYRO", values)
+    more, acc, acc_unit = _signal(path, point, rows, "ACCEL", values)
+    used, place = rows[rows["name"].isin([*more, *names])], None
     if placement_of(point) is None and "placement" in rows:
-        place = next((placement_of(text) for text in used["placement"] if placement_of(text)), None)
+        place = next(filter(None, map(placement_of, used["placement"])), None)
         if place is not None:
             notes.append(AS_READ.note(f"{point}: at {place} by the column placement"))
-    if "status" in rows and (used["status"].str.lower() == "bad").any():
-        bad = list(used["name"][used["status"].str.lower() == "bad"])
+    if "status" in rows and (bad := list(used["name"][used["status"].str.lower() == "bad"])):
         notes.append(CHANNELS_BAD(sensor=point, channels=bad))
     if "sampling_frequency" in rows:
         rate = positive(rate, *used["sampling_frequency"])
-    frame = next((text for text in used["reference_frame"] if text), "") if "reference_frame" in rows else ""
+    frame = next(filter(None, used["reference_frame"]), "") if "reference_frame" in rows else ""
     axes = f"in the reference frame {frame!r}{frames.get(frame, '')}" if frame else ""
-    return Part(point, gyr, acc, time, rate, gyr_unit, acc_unit, place, axes)
+    return Part(point, np.asarray(gyr), acc, time, rate, gyr_unit, acc_unit, place, axes)
 
 
 def _frames(path: Path, stem: str) -> dict[str, str]:
@@ -261,32 +213,18 @@ def _frames(path: Path, stem: str) -> dict[str, str]:
     levels = json_object(files[0]).get("reference_frame", {}).get("Levels", {}) if files else {}
     frames = {}
     for name, about in levels.items():
-        axes = [
-            f"{key} {about[key]}" for key in ("SpatialAxes", "RotationRule") if isinstance(about, dict) and key in about
-        ]
-        frames[name] = f" ({', '.join(axes)})" if axes else ""
+        keys = ("SpatialAxes", "RotationRule") if isinstance(about, dict) else ()
+        axes = ", ".join(f"{key} {about[key]}" for key in keys if key in about)
+        frames[name] = f" ({axes})" if axes else ""
     return frames
-
-
-def _others(path: Path, stem: str) -> list[Note]:
-    """Other tracking systems of the same walk."""
-    if "_tracksys-" not in stem:
-        return []
-    pattern = re.sub(r"_tracksys-[^_]+", "_tracksys-*", stem) + "_motion.tsv*"
-    there = sorted(file.name for file in path.absolute().parent.glob(pattern) if file.name != path.name)
-    return [AS_READ.note("the same walk was measured by other systems too: {files}", files=there)] if there else []
 
 
 def _participant(path: Path, subject: str) -> list[Note]:
     """Notes with the data of the person in `participants.tsv`."""
     file = _folders(path)[-1] / "participants.tsv"
-    if not file.exists():
+    table = _table(file, dtype=str) if file.exists() else None
+    if table is None or "participant_id" not in table:
         return []
-    table = _table(file, dtype=str)
-    if "participant_id" not in table:
-        return []
-    row = table[table["participant_id"].isin([f"sub-{subject}", subject])].dropna(axis=1)
-    facts = (
-        [f"{column} {row[column].iloc[0]}" for column in row.columns if column != "participant_id"] if len(row) else []
-    )
+    rows = table[table["participant_id"].isin([f"sub-{subject}", subject])].drop(columns="participant_id")
+    facts = [f"{column} {value}" for column, value in rows.head(1).stack().droplevel(0).items()]
     return [AS_READ.note("participants.tsv: {facts}", facts=facts)] if facts else []

@@ -9,16 +9,19 @@ Points that a model put beside the markers (angles, moments, powers) are kept ap
 are left as they are: their signals are among the analog ones, their corners and types in `force_plates`.
 """
 
+import itertools
 import math
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from jgait.io.files import Tree, check_file, check_size, library, numbered, plain, reading
-from jgait.io.formats.c3d_axes import UPRIGHT, Capture, CaptureEvent, told_unit, told_up
-from jgait.notes import DEDUCED, Kind, Note
+from jgait.io.formats.part import UP_UNSURE
+from jgait.notes import DEDUCED, Note, record
 from jgait.types import RecordingError
 
 EXPECTED = "a C3D file"
@@ -44,11 +47,79 @@ MOST_FRAMES = 65535
 PARAMETERS_END = 2**19
 """[bytes] Largest possible end of the parameters: they begin within 255 blocks of 512 and have no more."""
 
-UP_UNSURE = Kind(
-    "up_unsure", "check", "",
-    "With a wrong vertical, heights and directions are wrong. POINT:Y_SCREEN is the vertical of a program's view, "
-    "which some programs write otherwise than the laboratory's.",
-)  # fmt: skip
+
+UPRIGHT = {
+    "+z": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    "+y": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+    "+x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+    "-z": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
+    "-y": np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
+    "-x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
+}
+"""The axis of a file that points up → the rotation from the file's axes to those with z up."""
+
+APART = {"m": (0.3, 2.5), "mm": (300.0, 2500.0)}
+"""Unit → range of the largest distance between the markers of a person, in this unit; in cm it would be 30 to 250."""
+HIGH = re.compile(
+    r"^[LR]?_?(ASIS?|PSIS?|HJC|FEP|SACR|CLAV|C7|T10|STRN|HEAD|[LR]?[FB]HD|I[AP]S|[CT]V\d+|S[XJ]S|SJN|SAE)$",
+    re.IGNORECASE,
+)
+LOW = re.compile(r"^[LR]?_?(HEEL?|TOE|ANK|AJC|TIO|MT[15]|CAL|FCC|FM[125]|FAL|TAM)$", re.IGNORECASE)
+SURE = 0.8
+"""[1] Smallest share of the distance from feet to trunk along the vertical axis."""
+FLOOR = 0.15
+"""[m] Largest height above or below 0 of the lowest markers on a floor."""
+
+
+class CaptureEvent(NamedTuple):
+    """One event of a capture.
+
+    Attributes:
+        time: [s] on the clock of `Capture.time`.
+        kind: 'initial_contact', 'final_contact', or the file's label where that is neither.
+        side: 'right', 'left', or None for neither.
+    """
+
+    time: float
+    kind: str
+    side: str | None
+
+
+@record
+class Capture(NamedTuple):
+    """Data of a motion capture.
+
+    Attributes:
+        time: (T,) [s] of the markers, 0 at the first captured frame.
+        rate_hz: [Hz] of the markers.
+        markers: name → (T, 3) [m], NaN where not visible; z points up where `up` is known.
+        up: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
+        outputs: name → (T, 3) outputs of a model, in the file's units.
+        analog_time: (A,) [s] on the same clock.
+        analog_rate_hz: [Hz], 0 where there is no analog signal.
+        analog: name → (A,) in the unit of `analog_units`.
+        analog_units: name → unit as written in the file; empty if the file has none.
+        events: in order of time.
+        force_plates: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
+        name: of the recording.
+        subject: name of the person.
+        notes: notes about deduced units, changes and doubtful data.
+    """
+
+    time: np.ndarray
+    rate_hz: float
+    markers: dict[str, np.ndarray]
+    up: str | None
+    outputs: dict[str, np.ndarray]
+    analog_time: np.ndarray
+    analog_rate_hz: float
+    analog: dict[str, np.ndarray]
+    analog_units: dict[str, str]
+    events: tuple[CaptureEvent, ...]
+    force_plates: Tree
+    name: str
+    subject: str
+    notes: tuple[Note, ...]
 
 
 def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None) -> Capture:
@@ -155,7 +226,7 @@ def _frames_in_header(file: Path) -> int | None:
     if place > 512 * max(int(words[8]) - 1, 1):
         raise RecordingError(f"{file.name} is damaged: its parameters end at byte {place}, within its data")
     check_size(8 * (4 * points + analog) * max(last - first + 1, 0), file.name)
-    return last - first + 1 if first <= last < 65535 else None
+    return last - first + 1 if first <= last < MOST_FRAMES else None
 
 
 def _texts(parameters: Tree, group: str, key: str) -> list[str]:
@@ -199,13 +270,11 @@ def _apart(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Markers, NaN where not visible, and outputs of a model."""
     listed = {label.split(":", 1)[-1] for group in OUTPUTS for label in _texts(parameters, "POINT", group)}
-    markers, outputs = {}, {}
-    for label, value in zip(labels, values, strict=True):
-        if label in listed or OUTPUT_NAME.search(label):
-            outputs[label] = value
-        else:
-            # Many writers store a marker that was not visible as exactly 0, 0, 0.
-            markers[label] = np.where((value == 0.0).all(axis=1, keepdims=True), np.nan, value)
+    every = dict(zip(labels, values, strict=True))
+    outputs = {label: value for label, value in every.items() if label in listed or OUTPUT_NAME.search(label)}
+    # Many writers store a marker that was not visible as exactly 0, 0, 0.
+    markers = {label: np.where((value == 0.0).all(axis=1, keepdims=True), np.nan, value)
+               for label, value in every.items() if label not in outputs}  # fmt: skip
     return markers, outputs
 
 
@@ -214,14 +283,12 @@ def _metres(parameters: Tree, markers: dict[str, np.ndarray], file: Path, notes:
     if stated.lower() in UNITS or not markers:
         return UNITS.get(stated.lower(), 1.0)
     if stated:
-        raise RecordingError(
-            f"{file.name}: the markers are in {stated!r}; expected one of {', '.join(UNITS)}; give unit"
-        )
+        expected = ", ".join(UNITS)
+        raise RecordingError(f"{file.name}: the markers are in {stated!r}; expected one of {expected}; give unit")
     deduced, apart = told_unit(markers)
     if deduced is None:
-        raise RecordingError(
-            f"{file.name} states no unit of its markers, and their distance, {apart:.4g}, does not decide it; give unit"
-        )
+        undecided = f"and their distance, {apart:.4g}, does not decide it; give unit"
+        raise RecordingError(f"{file.name} states no unit of its markers, {undecided}")
     notes.append(DEDUCED.note(f"the file states no unit of its markers; {deduced}, for they are {apart:.4g} apart"))
     return UNITS[deduced]
 
@@ -232,22 +299,18 @@ def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> 
     stated = stated if stated[:1] in ("+", "-") else f"+{stated}"
     stated = stated if stated in UPRIGHT else ""
     deduced, why, overrules = told_up(markers, stated)
-    if stated and deduced not in (None, stated) and overrules:
-        notes.append(
-            UP_UNSURE.note(
-                f"{deduced} points up, for {why}; POINT:Y_SCREEN states {stated}: pass up={stated!r} if right"
-            )
-        )
-        return deduced
-    if stated:
+    if not stated and deduced is None:
+        notes.append(UP_UNSURE.note("neither the file nor its markers show which axis points up; pass up"))
+    elif not stated:
+        notes.append(DEDUCED.note(f"{deduced} points up, for {why}"))
+    elif deduced not in (None, stated) and overrules:
+        states = f"POINT:Y_SCREEN states {stated}: pass up={stated!r} if right"
+        notes.append(UP_UNSURE.note(f"{deduced} points up, for {why}; {states}"))
+    else:
         notes.append(DEDUCED.note(f"{stated} points up by POINT:Y_SCREEN"))
-        if deduced is not None and deduced != stated:
+        if deduced not in (None, stated):
             notes.append(UP_UNSURE.note(f"but by the markers {deduced} points up: {why}; pass up={deduced!r} if right"))
         return stated
-    if deduced is None:
-        notes.append(UP_UNSURE.note("neither the file nor its markers show which axis points up; pass up"))
-        return None
-    notes.append(DEDUCED.note(f"{deduced} points up, for {why}"))
     return deduced
 
 
@@ -263,19 +326,57 @@ def _analog(raw: Tree, notes: list[Note]) -> tuple[dict[str, np.ndarray], dict[s
 
 
 def _events(parameters: Tree, file: Path) -> tuple[CaptureEvent, ...]:
-    group = parameters.get("EVENT", {})
-    if "TIMES" not in group:
-        return ()
-    minutes = np.asarray(group["TIMES"]["value"], np.float64)
+    minutes = np.asarray(parameters.get("EVENT", {}).get("TIMES", {"value": []})["value"], np.float64)
     if not minutes.size:
         return ()
     if minutes.ndim != 2 or minutes.shape[0] != 2:
         raise RecordingError(f"{file.name}: EVENT:TIMES must be minutes and seconds, (2, n); it has {minutes.shape}")
     labels, contexts = _texts(parameters, "EVENT", "LABELS"), _texts(parameters, "EVENT", "CONTEXTS")
-    events = []
-    for i, (minute, second) in enumerate(minutes.T):
-        label = labels[i] if i < len(labels) else ""
-        side = contexts[i].lower() if i < len(contexts) else ""
-        kind = EVENTS.get(label.lower(), label)
-        events.append(CaptureEvent(float(60.0 * minute + second), kind, side if side in ("right", "left") else None))
+    rows = itertools.zip_longest(minutes.T, labels, contexts, fillvalue="")
+    events = [
+        CaptureEvent(float(60.0 * time[0] + time[1]), EVENTS.get(label.lower(), label),
+                     side.lower() if side.lower() in ("right", "left") else None)
+        for time, label, side in rows if len(time)
+    ]  # fmt: skip
     return tuple(sorted(events, key=lambda event: event.time))
+
+
+def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
+    """The unit, 'm' or 'mm', in which the distances between markers (T, 3), NaN where not visible, fit a person, or
+    None; and the distance that decides: the median over time of the longest side of the box around all markers.
+    """
+    places = np.stack(list(markers.values()))
+    visible = np.isfinite(places).all(axis=(0, 2))
+    if not visible.any():
+        return None, float("nan")
+    apart = float(np.median(np.ptp(places[:, visible], axis=0).max(axis=1)))
+    return next((unit for unit, (least, most) in APART.items() if least <= apart <= most), None), apart
+
+
+def told_up(markers: Mapping[str, np.ndarray], stated: str = "") -> tuple[str | None, str, bool]:
+    """The axis that points up, by markers (T, 3) [m] and by the axis that the file states, '+x', …, '-z', or nothing.
+
+    Returns:
+        The axis, or None where neither shows it; why; and whether the markers overrule the file: nobody walks on the
+        head, or below the floor.
+    """
+    seen = {label: place[np.isfinite(place).all(axis=1)] for label, place in markers.items()}
+    seen = {label: place for label, place in seen.items() if len(place)}
+    trunk, feet = ([np.median(place, axis=0) for label, place in seen.items() if words.match(label)]
+                   for words in (HIGH, LOW))  # fmt: skip
+    if trunk and feet:
+        way = np.mean(trunk, axis=0) - np.mean(feet, axis=0)
+        axis = int(np.argmax(np.abs(way)))
+        sure = abs(way[axis]) >= SURE * np.linalg.norm(way)
+        up = f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}"
+        return (up, "the trunk's markers are above the feet's there", True) if sure else (None, "", False)
+    if not seen:
+        return None, "", False
+    low, high = np.percentile(np.concatenate(list(seen.values())), [1.0, 99.0], axis=0)
+    ends = [(f"{sign}{'xyz'[axis]}", *each) for axis in range(3)
+            for sign, each in (("+", (low[axis], high[axis])), ("-", (-high[axis], -low[axis])))]  # fmt: skip
+    fits = [axis for axis, least, most in ends if abs(least) < FLOOR and 2.0 * FLOOR < most < APART["m"][1]]
+    opposite = stated.translate(str.maketrans("+-", "-+"))
+    if stated not in fits and opposite in fits:
+        return opposite, "all markers are above a floor at 0 there", True
+    return (fits[0], "only there are all markers above a floor at 0", False) if len(fits) == 1 else (None, "", False)

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jgait.io.clock import (
     LONGEST_GAP_S,
     REPEATED,
     TIME_UNITS,
+    TIMES_CORRECTED,
     check_inserted,
     check_order,
     count_samples,
@@ -19,7 +19,7 @@ from jgait.io.clock import (
 )  # fmt: skip
 from jgait.io.dates import dated, with_time
 from jgait.io.names import column_of, unit_in_name
-from jgait.notes import AS_READ, DATA_LOST, Kind, Note
+from jgait.notes import AS_READ, DATA_LOST, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -41,12 +41,6 @@ SINCE_1970 = (1e9, 4e9)
 
 USUAL_RATE = 100.0
 """[Hz] Assumed rate to compute the duration of a gap in packet numbers where the rate is not known."""
-
-CLOCKS_JOINED = Kind(
-    "clocks_joined", "corrected",
-    "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s",
-    "The clocks differ by more than half a sample time; all signals are at the times of the fastest of the first.",
-)  # fmt: skip
 
 
 def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:
@@ -84,9 +78,8 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
     """
     if all(part.packets is None for part in placed.values()):
         return placed
-    numbers: dict[str, np.ndarray] = {}
-    placed = dict(placed)
-    for where, part in tuple(placed.items()):
+    placed, numbers = dict(placed), dict[str, np.ndarray]()
+    for where, part in placed.items():
         if part.packets is None:
             raise RecordingError(f"{name}: {where} has no packet numbers, other sensors have; they cannot be joined")
         packets = np.asarray(part.packets, np.int64)
@@ -111,9 +104,8 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
     if end <= begin:
         spans = ", ".join(f"{where} {packets[0]} to {packets[-1]}" for where, packets in numbers.items())
         raise RecordingError(f"{name}: the sensors' packet numbers do not overlap: {spans}")
-    result = {}
     for where, part in placed.items():
-        packets = numbers[where]
+        packets, length = numbers[where], int(end + 1 - begin)
         kept = (packets >= begin) & (packets <= end)
         gap = int(np.diff(packets).max()) - 1
         if gap > LONGEST_GAP_S * (part.sampling_rate_hz or USUAL_RATE):
@@ -121,26 +113,19 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
                 f"{name}: {gap} packets of {where} are missing in a row, more than {LONGEST_GAP_S:g} s; "
                 "split the recording there"
             )
-        lost = end + 1 - begin - np.unique(packets[kept]).size
-        if lost:
+        if lost := length - np.unique(packets[kept]).size:
             notes.append(DATA_LOST.note(f"packets lost and masked: {lost}", placement=where))
         if not kept.all():
             ends = f"packets at the ends that other sensors do not have left out: {(~kept).sum()}"
             notes.append(AS_READ.note(ends, placement=where))
-        check_inserted(end + 1 - begin, len(packets), f"{name}, {where}")
-        rows = packets[kept] - begin
-        result[where] = part._replace(
-            gyr=_spread(part.gyr, kept, rows, end + 1 - begin),
-            acc=None if part.acc is None else _spread(part.acc, kept, rows, end + 1 - begin),
-            time=None, packets=None,
-        )  # fmt: skip
-    return result
-
-
-def _spread(values: ArrayLike, kept: np.ndarray, rows: np.ndarray, length: int) -> np.ndarray:
-    result = np.full((length, 3), np.nan)
-    result[rows] = np.asarray(values, np.float64)[kept]
-    return result
+        check_inserted(length, len(packets), f"{name}, {where}")
+        spread = {}
+        for kind, values in (("gyr", part.gyr), ("acc", part.acc)):
+            spread[kind] = None if values is None else np.full((length, 3), np.nan)
+            if values is not None:
+                spread[kind][packets[kept] - begin] = np.asarray(values, np.float64)[kept]
+        placed[where] = part._replace(**spread, time=None, packets=None)
+    return placed
 
 
 def one_clock(
@@ -197,7 +182,8 @@ def one_clock(
             kind: _resampled(common, acc_times.get(where, time) if kind == "acc" else time, values)
             for kind, values in sensors[where].items()
         }
-    notes.append(CLOCKS_JOINED(placement=names[base], begin_s=begin, end_s=end))
+    joined = "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s"
+    notes.append(TIMES_CORRECTED.note(joined, placement=names[base], begin_s=begin, end_s=end))
     return common, None
 
 

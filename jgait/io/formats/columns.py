@@ -54,20 +54,17 @@ def measured(path: Path) -> Measured:
             raise RecordingError(f"{path.name} holds no table that is called by a placement, such as foot_left.csv")
         return joined([measured(file) for file in files], path.name)
     check_file(path, EXPECTED)
-    table, cut = (_parquet(path), ()) if path.suffix.lower() in PARQUET else read_table(path)
+    table, notes = (_parquet(path), ()) if path.suffix.lower() in PARQUET else read_table(path)
     if table.columns.nlevels == 2:
         for clock in [column for column in table.columns if column_of(str(column[0])) == "time"][:1]:
             table = table.set_index(clock).rename_axis("time")
         parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, path.name)
-        return Measured(
-            parts, path.stem, notes=(AS_READ.note("gaitmap's two rows of names: m/s² and deg/s, as gaitmap has them"),)
-        )
+        whose = AS_READ.note("gaitmap's two rows of names: m/s² and deg/s, as gaitmap has them")
+        return Measured(parts, path.stem, notes=(*notes, whose))
     plain = [str(column).strip().lower() for column in table.columns]
     if set(BODY_MOBGAP) <= set(plain):
-        part = mobgap_part(table.set_axis(plain, axis=1), path.name)
-        return Measured(
-            [part], path.stem, notes=(*cut, AS_READ.note("mobgap's names of axes: m/s² and deg/s, as mobgap has them"))
-        )
+        whose = AS_READ.note("mobgap's names of axes: m/s² and deg/s, as mobgap has them")
+        return Measured([mobgap_part(table.set_axis(plain, axis=1), path.name)], path.stem, notes=(*notes, whose))
     if set(CHANNELS[:3]) <= {column_of(column) for column in plain}:
         # The table does not state the placement: any placement can be used to get the columns.
         labels, content = {"waist": path.stem}, measured_table(table, placement="waist", name=path.name, placed=True)
@@ -75,7 +72,7 @@ def measured(path: Path) -> Measured:
         table, labels = _placed_anywhere(table)
         content = measured_table(table, name=path.name, placed=bool(labels))
     parts = [part._replace(label=labels.get(part.label, part.label)) for part in content.parts]
-    return content._replace(parts=parts, name=path.stem, notes=(*cut, *content.notes))
+    return content._replace(parts=parts, name=path.stem, notes=(*notes, *content.notes))
 
 
 def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, str]]:
@@ -89,16 +86,11 @@ def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, s
     channels: dict[str, list[str]] = {}
     for label, channel in sensors.values():
         channels.setdefault(label, []).append(channel)
-    whole = [
-        label
-        for label, sensor_channels in channels.items()
-        if sorted(sensor_channels) in (sorted(CHANNELS), sorted(CHANNELS[:3]))
-    ]
+    whole = [label for label, has in channels.items() if sorted(has) in (sorted(CHANNELS), sorted(CHANNELS[:3]))]
     where = dict(zip(whole, PLACEMENTS, strict=False))
-    renamed = {
-        name: f"{where[label]}_{channel}" + (f" [{unit}]" if (unit := stated_unit(name)) else "")
-        for name, (label, channel) in sensors.items() if label in where
-    }  # fmt: skip
+    units = {name: f" [{unit}]" for name in sensors if (unit := stated_unit(name))}
+    renamed = {name: f"{where[label]}_{channel}{units.get(name, '')}" for name, (label, channel) in sensors.items()
+               if label in where}  # fmt: skip
     return table.rename(columns=renamed), {placement: label for label, placement in where.items()}
 
 

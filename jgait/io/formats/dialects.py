@@ -119,43 +119,35 @@ def gaitmap_parts(
     parts = []
     for sensor, table in tables.items():
         where = placements.get(sensor) or placement_of(sensor)
-        values, body = _six(table, BODY_GAITMAP, f"{name}, {sensor}")
-        time, begin_s = clock_of(table, name)
+        part, body = _part(table, BODY_GAITMAP, f"{name}, {sensor}")
+        signs = np.array(SIGNS_GAITMAP.get((where or "").rpartition("_")[2], ()))
+        if body and not signs.size:
+            why = f"gaitmap's body frame is mirrored between the feet, and {sensor!r} is not known to be of either"
+            raise RecordingError(f"{name}: {why}; give its placement")
         if body:
-            side = (where or "").rpartition("_")[2]
-            if side not in SIGNS_GAITMAP:
-                raise RecordingError(
-                    f"{name}: gaitmap's body frame is mirrored between the feet, and {sensor!r} is not known to be of "
-                    "either; give its placement"
-                )
-            values = values * np.array(SIGNS_GAITMAP[side])
-        parts.append(_part(values, sensor, where, AXES_GAITMAP)._replace(time=time, begin_s=begin_s))
+            part = part._replace(gyr=part.gyr * signs[:3], acc=part.acc * signs[3:])
+        parts.append(part._replace(label=sensor, placement=where, axes=AXES_GAITMAP))
     return parts
 
 
 def mobgap_part(table: "pd.DataFrame", name: str) -> Part:
     """The part of mobgap's sensor, which sat at the lower back."""
-    time, begin_s = clock_of(table, name)
-    part = _part(_six(table, BODY_MOBGAP, name)[0], "lower_back", "lower_back", AXES_MOBGAP)
-    return part._replace(time=time, begin_s=begin_s)
+    return _part(table, BODY_MOBGAP, name)[0]._replace(placement="lower_back", axes=AXES_MOBGAP)
 
 
-def _part(values: np.ndarray, label: str, placement: str | None, axes: str) -> Part:
-    return Part(
-        label, values[:, :3], values[:, 3:], gyr_unit="deg/s", acc_unit="m/s^2", placement=placement, axes=axes,
-        units_by="names",
-    )  # fmt: skip
-
-
-def _six(table: "pd.DataFrame", body: tuple[str, ...], name: str) -> tuple[np.ndarray, bool]:
-    """(T, 6) of a table, and whether its columns are named as in the body frame."""
+def _part(table: "pd.DataFrame", body: tuple[str, ...], name: str) -> tuple[Part, bool]:
+    """The sensor of a table, and whether its columns are named as in the body frame."""
     names = list(map(str, table.columns))
     in_body = not set(body).isdisjoint(names)
-    columns = body if in_body else CHANNELS
-    lacking = [column for column in columns if column not in names]
-    if lacking:
-        raise RecordingError(f"{name} lacks {', '.join(lacking)}: expected columns {list(columns)}, found {names}")
+    columns = list(body if in_body else CHANNELS)
+    if lacking := [column for column in columns if column not in names]:
+        raise RecordingError(f"{name} lacks {', '.join(lacking)}: expected columns {columns}, found {names}")
     try:
-        return table[list(columns)].to_numpy(np.float64), in_body
+        values = table[columns].to_numpy(np.float64)
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{name}: {', '.join(columns)} must be numbers: {error}") from error
+    time, begin_s = clock_of(table, name)
+    return Part(
+        "lower_back", values[:, :3], values[:, 3:], time, gyr_unit="deg/s", acc_unit="m/s^2", units_by="names",
+        begin_s=begin_s,
+    ), in_body  # fmt: skip

@@ -28,15 +28,15 @@ def measured(path: Path) -> Measured:
     """One sensor, or all of a folder; errors as of `TextFormat.measured`, and for sensors that are not synchronised."""
     if not path.is_dir():
         return FORMAT.measured(path)
-    files = {file.name: FORMAT.read(file) for file in FORMAT.files(path)}
-    states = {name: _facts(rows).get("syncstatus", "") for name, rows in files.items()}
-    apart = [name for name, state in states.items() if UNSYNCED.match(state)]
-    if len(files) > 1 and apart:
-        raise RecordingError(
-            f"{path.name}: the clock of {apart[0]} was not synchronised with the others' (SyncStatus "
-            f"{states[apart[0]]!r}); sensors of one recording need one clock"
-        )
-    whole = joined([FORMAT.measured_rows(rows) for rows in files.values()], path.name)
+    files = FORMAT.files(path)
+    states = {file.name: _facts(FORMAT.read(file)).get("syncstatus", "") for file in files}
+    for name, state in states.items() if len(files) > 1 else ():
+        if UNSYNCED.match(state):
+            why = "sensors of one recording need one clock"
+            raise RecordingError(
+                f"{path.name}: the clock of {name} was not synchronised with the others' (SyncStatus {state!r}); {why}"
+            )
+    whole = joined([FORMAT.measured(file) for file in files], path.name)
     if len(files) > 1 and not all(states.values()):
         assumed = DEDUCED.note("the files do not state that the sensors' clocks were synchronised; one is assumed")
         whole = whole._replace(notes=(*whole.notes, assumed))

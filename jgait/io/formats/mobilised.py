@@ -63,11 +63,7 @@ def mobilised_trials(path: str | os.PathLike[str]) -> tuple[str, ...]:
 
 
 def read_mobilised(
-    path: str | os.PathLike[str],
-    *,
-    trial: str | None = None,
-    name: str | None = None,
-    subject: str | None = None,
+    path: str | os.PathLike[str], *, trial: str | None = None, name: str | None = None, subject: str | None = None
 ) -> Recording:
     """One trial of a Mobilise-D file (`data.mat`).
 

@@ -41,10 +41,9 @@ def starts(path: Path, head: bytes) -> bool:
 def measured(path: Path) -> Measured:
     """One sensor, or all of a folder; errors as of `TextFormat.measured`."""
     whole = FORMAT.measured(path)
-    if all(part.gyr_unit for part in whole.parts):
-        return whole
     # One export, one unit: where one sensor's is in doubt, all are.
-    return whole._replace(parts=[part._replace(gyr_unit=None) for part in whole.parts])
+    doubt = not all(part.gyr_unit for part in whole.parts)
+    return whole._replace(parts=[part._replace(gyr_unit=None) for part in whole.parts]) if doubt else whole
 
 
 def signals(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
@@ -54,17 +53,14 @@ def signals(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
         RecordingError: if one is not there; of acceleration without gravity, saying so.
     """
     if rows.where("Acc_X") is None:
-        free = [column for column in rows.header if column.lower().startswith("freeacc")]
-        if free:
-            raise RecordingError(
-                f"{rows.name} holds only acceleration from which gravity was taken off ({', '.join(free)}); expected "
-                "Acc_X, Acc_Y, Acc_Z: export or record inertial data"
-            )
+        names = [column for column in rows.header if column.lower().startswith("freeacc")]
+        what = f"only acceleration from which gravity was taken off ({', '.join(names)})" if names else ""
         if any(column.lower().startswith(("dv[", "dv_", "dq_", "velinc", "oriinc")) for column in rows.header):
-            raise RecordingError(
-                f"{rows.name} holds increments (dq, dv) and no rates; expected Acc_X, …, Gyr_X, …: export inertial data"
-            )
-    return rows.three(["Gyr_X", "Gyr_Y", "Gyr_Z"]), rows.three(["Acc_X", "Acc_Y", "Acc_Z"])
+            what = what or "increments (dq, dv) and no rates"
+        if what:
+            needed = "expected Acc_X, Acc_Y, Acc_Z, Gyr_X, …: export or record inertial data"
+            raise RecordingError(f"{rows.path.name} holds {what}; {needed}")
+    return rows.signal(["Gyr_X", "Gyr_Y", "Gyr_Z"])[0], rows.signal(["Acc_X", "Acc_Y", "Acc_Z"])[0]
 
 
 def counted(rows: Rows, column: str, bits: int) -> np.ndarray | None:
@@ -74,38 +70,28 @@ def counted(rows: Rows, column: str, bits: int) -> np.ndarray | None:
         RecordingError: if a row has none.
     """
     position = rows.where(column)
-    if position is None:
-        return None
-    values = rows.numbers(position)
+    values = rows.numbers(position) if position is not None else np.zeros(0)
     lost = np.flatnonzero(~np.isfinite(values))
     if len(lost) == len(values):
         return None
     if len(lost):
-        raise RecordingError(f"{rows.name}, line {rows.first_line + lost[0]}: {column} is empty")
+        raise RecordingError(f"{rows.path.name}, line {rows.first_line + lost[0]}: {column} is empty")
     return np.unwrap(values, period=2**bits)
 
 
 def _content(rows: Rows) -> Measured:
-    stem = rows.path.stem
-    gyr, acc = signals(rows)
-    packets = counted(rows, COUNTER, COUNTER_BITS)
-    stated = RATE.search("\n".join(rows.before))
-    serial = SERIAL.search(stem)
+    stem, (gyr, acc) = rows.path.stem, signals(rows)
+    stated, serial = RATE.search("\n".join(rows.before)), SERIAL.search(stem)
     size = np.linalg.norm(gyr, axis=1)
     fast = np.nanpercentile(size, 99.0) if np.isfinite(size).any() else 0.0
     likely = bool(fast < BY_SIZE["gyr"].limits["rad/s"][1])
-    return Measured(
-        [
-            Part(
-                serial.group(1) if serial else stem, gyr, acc,
-                sampling_rate_hz=float(stated.group(1)) if stated else None,
-                gyr_unit="rad/s" if likely else None, acc_unit="m/s^2", axes=AXES,
-                packets=packets, packets_wrap=2**COUNTER_BITS,
-            )
-        ],
-        stem,
-        notes=() if likely else (DEDUCED.note(f"{stem}: rates are too large for rad/s, Xsens' unit by its manual"),),
+    part = Part(
+        serial.group(1) if serial else stem, gyr, acc, sampling_rate_hz=float(stated.group(1)) if stated else None,
+        gyr_unit="rad/s" if likely else None, acc_unit="m/s^2", axes=AXES,
+        packets=counted(rows, COUNTER, COUNTER_BITS), packets_wrap=2**COUNTER_BITS,
     )  # fmt: skip
+    doubt = DEDUCED.note(f"{stem}: rates are too large for rad/s, Xsens' unit by its manual")
+    return Measured([part], stem, notes=() if likely else (doubt,))
 
 
 FORMAT = TextFormat(

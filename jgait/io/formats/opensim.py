@@ -76,19 +76,17 @@ def _motion(file: Path, degrees: bool | None) -> OpenSimMotion:
     header, skipped, names = _header(file)
     kind = header.get("datatype", "double").lower()
     if kind != "double":
-        raise RecordingError(_refusal(file, kind))
-    values = _values(file, skipped, names, header)
-    notes: list[Note] = []
+        raise _refusal(file, kind)
+    values, notes = _values(file, skipped, names, header), list[Note]()
     names = numbered(names, notes)
     time = values[:, 0]
     if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
         raise RecordingError(f"{file.name}: time must increase from row to row; it does not")
     columns = dict(zip(names[1:], values[:, 1:].T, strict=True))
     angles = tuple(
-        column
-        for column in columns
+        column for column in columns
         if not NO_ANGLE.search(_base(column).partition("#")[0]) and "/forceset" not in column
-    )
+    )  # fmt: skip
     stated = header.get("indegrees", "").lower()
     if degrees is None and stated in ("yes", "no"):
         degrees = stated == "yes"
@@ -176,37 +174,32 @@ def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
     names = lines[at].split("\t" if "\t" in lines[at] else None) if at < len(lines) else []
     names = [name.strip() for name in names if name.strip()]
     if not names or names[0].lower() != "time":
-        raise RecordingError(
-            f"{file.name}: the first column must be time; the columns are {', '.join(names) or 'none'}"
-        )
+        there = ", ".join(names) or "none"
+        raise RecordingError(f"{file.name}: the first column must be time; the columns are {there}")
     check_columns(names, file.name)
     return header, at + 1, names
 
 
-def _refusal(file: Path, kind: str) -> str:
+def _refusal(file: Path, kind: str) -> RecordingError:
     if kind == "quaternion":
-        return (
-            f"{file.name} holds orientations of sensors (a quaternion w,x,y,z a cell), expected coordinates: run "
-            "OpenSense's inverse kinematics on it, and read the motion that it writes"
-        )
-    return f"{file.name} holds cells of type {kind}, expected one number a cell"
+        how = "run OpenSense's inverse kinematics on it, and read the motion that it writes"
+        return RecordingError(f"{file.name} holds orientations of sensors (a quaternion w,x,y,z a cell): {how}")
+    return RecordingError(f"{file.name} holds cells of type {kind}, expected one number a cell")
 
 
 def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) -> np.ndarray:
     """(T, columns), after names and rows were found to be as many as the header states."""
     pandas = library("pandas", EXPECTED)
     try:
-        table = pandas.read_csv(
-            file, sep=r"\s+", skiprows=skipped, header=None, encoding="utf-8-sig", skip_blank_lines=True
-        )
+        table = pandas.read_csv(file, sep=r"\s+", skiprows=skipped, header=None, encoding="utf-8-sig")
     except (pandas.errors.ParserError, pandas.errors.EmptyDataError) as error:
         raise RecordingError(f"{file.name} has no rows, or not all of one length: {error}") from error
-    if not all(column.dtype.kind in "fiu" for _, column in table.items()):
-        cells = [str(cell) for cell in table.iloc[0]]
-        if any(cell.count(",") == 3 for cell in cells):
-            raise RecordingError(_refusal(file, "quaternion"))
-        first, wrong = next((name, odd) for name, column in table.items() if len(odd := no_numbers(column)))
-        raise RecordingError(f"{file.name}: column {first} holds {wrong.iloc[0]!r} in row {wrong.index[0]}, no number")
+    for name, column in table.items():
+        if len(wrong := no_numbers(column)):
+            if any(str(cell).count(",") == 3 for cell in table.iloc[0]):
+                raise _refusal(file, "quaternion")
+            cell = f"{wrong.iloc[0]!r} in row {wrong.index[0]}"
+            raise RecordingError(f"{file.name}: column {name} holds {cell}, no number")
     for key, there, what in (("nrows", len(table), "rows"), ("ncolumns", table.shape[1], "columns")):
         stated = header.get(key, header.get(key.replace("n", "data", 1), ""))
         if stated.isdigit() and int(stated) != there:
@@ -228,10 +221,8 @@ def _told_degrees(file: Path, columns: dict[str, np.ndarray], notes: list[Note])
         why = f"for the largest angle of the legs is {largest:.4g}"
         notes.append(DEDUCED.note(f"the file does not state inDegrees; {unit}, {why}"))
         return largest > TURN
-    raise RecordingError(
-        f"{file.name} does not state inDegrees, and the largest angle of the legs, {largest:.4g}, does not decide; "
-        "give degrees"
-    )
+    undecided = f"and the largest angle of the legs, {largest:.4g}, does not decide; give degrees"
+    raise RecordingError(f"{file.name} does not state inDegrees, {undecided}")
 
 
 def _told_sign(name: str, knees: list[np.ndarray]) -> int:
@@ -243,7 +234,6 @@ def _told_sign(name: str, knees: list[np.ndarray]) -> int:
         return 1
     if least < -BENT and most < STRAIGHT:
         return -1
-    raise RecordingError(
-        f"{name}: knee_angle goes from {np.rad2deg(least):.0f} to {np.rad2deg(most):.0f}°, which does not decide the "
-        "sign of flexion; give knee_flexion=1 or -1"
-    )
+    between = f"from {np.rad2deg(least):.0f} to {np.rad2deg(most):.0f}°"
+    undecided = "which does not decide the sign of flexion; give knee_flexion=1 or -1"
+    raise RecordingError(f"{name}: knee_angle goes {between}, {undecided}")

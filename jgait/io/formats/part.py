@@ -6,8 +6,16 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.dates import date_of
-from jgait.notes import Note
+from jgait.notes import Kind, Note
 from jgait.types import RecordingError
+
+UP_UNSURE = Kind(
+    "up_unsure", "check", "",
+    "The file does not show beyond doubt which way is up. With a wrong vertical, heights and directions are wrong, and "
+    "right and left of a sensor at the waist are exchanged. POINT:Y_SCREEN of a C3D file is the vertical of a "
+    "program's view, which some programs write otherwise than the laboratory's.",
+)  # fmt: skip
+"""The direction of an axis that a reader assumes."""
 
 
 class Part(NamedTuple):

@@ -23,10 +23,10 @@ def _is_header(cells: tuple[str, ...]) -> bool:
 
 
 def _content(rows: Rows) -> Measured:
-    gyr, gyr_unit = rows.in_units([f"Gyro {axis}" for axis in "XYZ"])
+    gyr, gyr_unit = rows.signal([f"Gyro {axis}" for axis in "XYZ"])
     acc, acc_unit = None, None
     if rows.where("Accel X") is not None:
-        acc, acc_unit = rows.in_units([f"Accel {axis}" for axis in "XYZ"])
+        acc, acc_unit = rows.signal([f"Accel {axis}" for axis in "XYZ"])
     stated = RATE.search("\n".join(rows.before))
     part = Part(
         rows.path.stem, gyr, acc, time=rows.seconds(rows.where("Time") or 0, "s"),

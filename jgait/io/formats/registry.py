@@ -10,7 +10,7 @@ from jgait.io.atomic import check_path
 from jgait.io.files import check_brand, check_regular, reading
 from jgait.io.formats.part import Measured, joined
 from jgait.io.formats.settle import settle
-from jgait.io.formats.text import HEAD
+from jgait.io.formats.text import first_bytes
 from jgait.notes import AS_READ
 from jgait.types import Recording, RecordingError
 
@@ -35,26 +35,17 @@ FORMATS: dict[str, Format] = {
     "bids": Format("bids", "BIDS motion", "*_motion.tsv with its .json and _channels.tsv", "units, placements, rate"),
     "mtw": Format("mtw", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
     "dot": Format("dot", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),
-    "shimmer": Format(
-        "shimmer", "Shimmer Consensys CSV", "*.csv, or a folder", "units, time; placement perhaps as the device's name"
-    ),
-    "apart": Format(
-        "apart",
-        "signals apart (Sensor Logger, phyphox, MetaBase, CoreMotion)",
-        "a folder with a *.csv for each signal",
-        "time; units by the header or the app's documentation; no placement",
-    ),
+    "shimmer": Format("shimmer", "Shimmer Consensys CSV", "*.csv, or a folder",
+                      "units, time; placement perhaps as the device's name"),
+    "apart": Format("apart", "signals apart (Sensor Logger, phyphox, MetaBase, CoreMotion)",
+                    "a folder with a *.csv for each signal",
+                    "time; units by the header or the app's documentation; no placement"),
     "xio": Format("xio", "x-io CSV (x-IMU3, NGIMU, Fusion)", "*.csv, or a folder", "units, time; no placement"),
-    "physilog": Format(
-        "physilog", "Gait Up Physilog CSV", "*.csv, one file a sensor, or a folder", "units, time; no placement"
-    ),
-    "csv": Format(
-        "columns",
-        "a table with jgait's, gaitmap's or mobgap's columns",
-        "*.csv, *.parquet, or a folder",
-        "placements; gaitmap's and mobgap's units, else they are deduced",
-    ),
-}
+    "physilog": Format("physilog", "Gait Up Physilog CSV", "*.csv, one file a sensor, or a folder",
+                       "units, time; no placement"),
+    "csv": Format("columns", "a table with jgait's, gaitmap's or mobgap's columns", "*.csv, *.parquet, or a folder",
+                  "placements; gaitmap's and mobgap's units, else they are deduced"),
+}  # fmt: skip
 """Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
 
 SHEETS = (".xlsx", ".xls", ".ods", ".numbers")
@@ -93,11 +84,7 @@ def format_of(path: str | os.PathLike[str]) -> str | None:
     check_path(path)
     file = Path(path)
     check_regular(file, "a recording")
-    if file.is_dir():
-        head = b""
-    else:
-        with file.open("rb") as stream:
-            head = stream.read(HEAD)
+    head = b"" if file.is_dir() else first_bytes(file)
     return next((name for name in FORMATS if _module(name)[0](file, head)), None)
 
 
@@ -145,14 +132,9 @@ def read(
         content = _one(path, format, placement)
     with reading(Path(content.name), "a recording"):
         return settle(
-            content,
-            placements=placements,
-            gyr_unit=gyr_unit,
-            acc_unit=acc_unit,
-            sampling_rate_hz=sampling_rate_hz,
-            name=name,
-            subject=subject,
-        )
+            content, placements=placements, gyr_unit=gyr_unit, acc_unit=acc_unit, sampling_rate_hz=sampling_rate_hz,
+            name=name, subject=subject,
+        )  # fmt: skip
 
 
 def _one(path: str | os.PathLike[str], format: str | None, placement: str | None) -> Measured:
@@ -161,25 +143,23 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
     file = Path(path)
     if format is not None and format not in FORMATS:
         raise RecordingError(f"{{argument}} must be one of {', '.join(FORMATS)}; got {format!r}", argument="format")
-    format_name = format_of(file) if format is None else format
-    if file.suffix.lower() in SHEETS:
+    known, ending = format or format_of(file), file.suffix.lower()
+    if ending in SHEETS:
         raise RecordingError(f"{file.name} is a spreadsheet; save it as CSV from the program that made it")
-    if format_name is None and file.suffix.lower() in OTHERS:
-        raise RecordingError(f"{file.name} {OTHERS[file.suffix.lower()]}")
-    if format_name is None and file.is_file():
+    if known is None and ending in OTHERS:
+        raise RecordingError(f"{file.name} {OTHERS[ending]}")
+    if known is None and file.is_dir():
+        files = f"name its files, such as {file.name}/*.csv"
+        raise RecordingError(f"{file.name} is a folder, and none of a format that jgait reads; {files}")
+    if known is None:
         check_brand(file)
-    if format_name is None and file.is_dir():
+        formats = ", ".join(FORMATS)
         raise RecordingError(
-            f"{file.name} is a folder, and none of a format that jgait reads; name its files, such as {file.name}/*.csv"
+            f"{file.name} is in no format that jgait reads ({formats}); state which by {{argument}}", argument="format"
         )
-    if format_name is None:
-        raise RecordingError(
-            f"{file.name} is in no format that jgait reads ({', '.join(FORMATS)}); state which by {{argument}}",
-            argument="format",
-        )
-    with reading(file, FORMATS[format_name].title):
-        content = _module(format_name)[1](file)
-    content = content._replace(notes=(*content.notes, AS_READ.note(f"read as {FORMATS[format_name].title}")))
+    with reading(file, FORMATS[known].title):
+        content = _module(known)[1](file)
+    content = content._replace(notes=(*content.notes, AS_READ.note(f"read as {FORMATS[known].title}")))
     if placement is None:
         return content
     if len(content.parts) != 1:

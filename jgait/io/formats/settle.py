@@ -13,8 +13,7 @@ import numpy as np
 from jgait.io.arrays import recording_in_units
 from jgait.io.checks.readings import placeholders_in
 from jgait.io.checks.sizes import BY_SIZE, NO_GRAVITY, are_counts, counts_without_unit, measures_gravity
-from jgait.io.clock import CLOCK_FROM_DATE
-from jgait.io.dates import date_of
+from jgait.io.clock import date_note
 from jgait.io.formats.clocks import on_one_counter, one_clock
 from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
@@ -80,7 +79,7 @@ def settle(
     )  # fmt: skip
     begins = {part.begin_s for part in placed.values()}
     if time is not None and len(begins) == 1 and (begin_s := begins.pop()) is not None:
-        notes.append(CLOCK_FROM_DATE(date=date_of(begin_s + float(time[0]))))
+        notes.append(date_note(begin_s + float(time[0])))
     return recording._replace(notes=(*notes, *recording.notes))
 
 

@@ -18,7 +18,7 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.io.units import ACC_UNITS
-from jgait.notes import AS_READ, Kind, Note
+from jgait.notes import AS_READ, Note
 from jgait.types import RecordingError
 
 SIGNAL = re.compile(r"^(?P<device>.+?)_(?P<signal>Accel_LN|Accel_WR|Gyro)_(?P<axis>[XYZ])_(?P<kind>CAL|RAW|UNCAL)$")
@@ -26,13 +26,6 @@ ACCELEROMETERS = ("Accel_LN", "Accel_WR")
 STAMP = re.compile(r"^(?P<device>.+?)_Timestamp(?:Sync)?_(?P<how>FormattedUnix|Unix|Shimmer|RC)?_?CAL$")
 FULL, OFTEN = 1.9, 1e-3
 """[g], [1] The low-noise accelerometer is at its limit where one axis is above the one in more than the other share."""
-
-WIDE_RANGE_TAKEN = Kind(
-    "wide_range_taken",
-    "corrected",
-    "{sensor}: {signal} taken, for Accel_LN is at its limit in {share:.2%} of the samples",
-    "The low-noise accelerometer cannot measure such movements; the one with the wider range and more noise can.",
-)
 
 
 def _is_header(cells: tuple[str, ...]) -> bool:
@@ -48,37 +41,30 @@ def _content(rows: Rows) -> Measured:
     notes: list[Note] = []
     parts = [_part(rows, device, kinds, notes) for device, kinds in signals_of.items() if "Gyro" in kinds]
     if not parts:
-        raise RecordingError(
-            f"{rows.name} holds no gyroscope; expected {FORMAT.expected}; it has {', '.join(filter(None, rows.header))}"
-        )
+        there = ", ".join(filter(None, rows.header))
+        raise RecordingError(f"{rows.path.name} holds no gyroscope; expected {FORMAT.expected}; it has {there}")
     return Measured(parts, rows.path.stem, notes=tuple(notes))
 
 
 def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]) -> Part:
-    stored = kinds["Gyro"], set[str]().union(*(kinds.get(name, ()) for name in ACCELEROMETERS))
-    for signal, variants in zip(("gyroscope", "accelerometer"), stored, strict=True):
+    for signal, names in (("gyroscope", ("Gyro",)), ("accelerometer", ACCELEROMETERS)):
+        variants = set[str]().union(*(kinds.get(name, ()) for name in names))
         if variants and "CAL" not in variants:
-            raise RecordingError(
-                f"{rows.name}: the {signal} of {device} is not calibrated (found "
-                f"{', '.join(sorted(variants))}, expected "
-                "CAL): export calibrated data"
-            )
+            found = f"(found {', '.join(sorted(variants))}, expected CAL): export calibrated data"
+            raise RecordingError(f"{rows.path.name}: the {signal} of {device} is not calibrated {found}")
     time = _time(rows, device)
     timed = np.isfinite(time) if time is not None else np.ones(len(rows.cells), bool)
-    gyr, gyr_unit = rows.in_units(_columns(device, "Gyro"))
+    gyr, gyr_unit = rows.signal(_columns(device, "Gyro"))
     acc, acc_unit = None, None
-    choice = [name for name in ACCELEROMETERS if "CAL" in kinds.get(name, ())]
-    if choice:
-        acc, acc_unit = rows.in_units(_columns(device, choice[0]))
-        limit = FULL * GRAVITY / ACC_UNITS[acc_unit or "m/s^2"]
-        share = float(np.mean(np.abs(acc[timed]).max(axis=1, initial=0.0) > limit))
-        taken = choice[0]
-        if len(choice) == 2 and share > OFTEN:
-            taken = choice[1]
-            acc, acc_unit = rows.in_units(_columns(device, taken))
-            notes.append(WIDE_RANGE_TAKEN(sensor=device, signal=taken, share=share))
-        else:
-            notes.append(AS_READ.note(f"{device}: {taken} taken"))
+    for name in (name for name in ACCELEROMETERS if "CAL" in kinds.get(name, ())):
+        at_limit = 0.0
+        if acc is not None:
+            limit = FULL * GRAVITY / ACC_UNITS[acc_unit or "m/s^2"]
+            at_limit = float(np.mean(np.abs(acc[timed]).max(axis=1, initial=0.0) > limit))
+        if acc is None or at_limit > OFTEN:
+            acc, acc_unit = rows.signal(_columns(device, name))
+            why = f", for {ACCELEROMETERS[0]} is at its limit in {at_limit:.2%} of the samples" if at_limit else ""
+            notes.append(AS_READ.note(f"{device}: {name} taken{why}"))
     return Part(
         device, gyr[timed], None if acc is None else acc[timed],
         time=None if time is None else time[timed], gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,
@@ -95,20 +81,17 @@ def _time(rows: Rows, device: str) -> np.ndarray | None:
 
     stamps = {cell: match for cell in rows.header if (match := STAMP.match(cell))}
     cells = {match["how"] or "": cell for cell, match in stamps.items() if match["device"] == device}
-    for how in ("Unix", "FormattedUnix", "Shimmer", "RC", ""):
-        if how not in cells:
-            continue
-        column = rows.where(cells[how]) or 0
-        if how == "FormattedUnix":
-            times = pd.to_datetime(rows.cells[column], errors="coerce", format="mixed")
-            wrong = times.isna() & rows.cells[column].notna()
-            if wrong.any():
-                wrong_cell = rows.cells[column][wrong].iloc[0]
-                raise RecordingError(f"{rows.name}: column {cells[how]!r} must hold times of day; found {wrong_cell!r}")
-            since = (times - pd.Timestamp(0)) / pd.Timedelta(seconds=1)
-            return since.to_numpy(np.float64, na_value=np.nan)
+    how = next((how for how in ("Unix", "FormattedUnix", "Shimmer", "RC", "") if how in cells), None)
+    if how is None:
+        return None
+    column = rows.where(cells[how]) or 0
+    if how != "FormattedUnix":
         return rows.seconds(column, "ms")
-    return None
+    times = pd.to_datetime(rows.cells[column], errors="coerce", format="mixed")
+    if len(wrong := rows.cells[column][times.isna() & rows.cells[column].notna()]):
+        what = f"column {cells[how]!r} must hold times of day; found {wrong.iloc[0]!r}"
+        raise RecordingError(f"{rows.path.name}: {what}")
+    return ((times - pd.Timestamp(0)) / pd.Timedelta(seconds=1)).to_numpy(np.float64, na_value=np.nan)
 
 
 FORMAT = TextFormat(

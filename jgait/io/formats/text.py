@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import LONGEST_NAME, check_columns, check_file
+from jgait.io.files import LONGEST_NAME, check_columns, check_file, no_numbers
 from jgait.io.formats.part import Measured, joined
 from jgait.io.text import HEADER_WITHIN, Head, first_lines, head_of, is_number, rows_of, separator_of, split
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -43,11 +43,6 @@ class Rows(NamedTuple):
     cells: "pd.DataFrame"  #: (rows, columns), columns by position.
     notes: tuple[Note, ...] = ()  #: the note about a last row that is cut off.
 
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        return self.path.name
-
     def where(self, column: str) -> int | None:
         """Position of a column, without regard to case; None if there is none."""
         plain = [name.lower() for name in self.header]
@@ -58,14 +53,10 @@ class Rows(NamedTuple):
         import pandas as pd
 
         raw = self.cells[column]
-        values = pd.to_numeric(raw, errors="coerce").to_numpy(np.float64, na_value=np.nan)
-        wrong = np.flatnonzero(np.isnan(values) & raw.notna().to_numpy())
-        if len(wrong):
-            raise RecordingError(
-                f"{self.name}, line {self.first_line + wrong[0]}: column {self.header[column]!r} must hold numbers; "
-                f"found {raw.iloc[wrong[0]]!r}"
-            )
-        return values
+        if len(wrong := no_numbers(raw)):
+            where = f"line {self.first_line + wrong.index[0]}: column {self.header[column]!r}"
+            raise RecordingError(f"{self.path.name}, {where} must hold numbers; found {wrong.iloc[0]!r}")
+        return pd.to_numeric(raw, errors="coerce").to_numpy(np.float64, na_value=np.nan)
 
     def seconds(self, column: int, default: str) -> np.ndarray:
         """(T,) a column of times in seconds; in the default unit where the file states none.
@@ -73,45 +64,31 @@ class Rows(NamedTuple):
         Raises:
             RecordingError: for a unit other than those of `TIME_UNITS`.
         """
-        unit = self.unit(column) or default
+        unit = (self.units[column] if column < len(self.units) else "") or default
         if unit not in TIME_UNITS:
-            raise RecordingError(
-                f"{self.name}: {self.header[column]} is in {unit!r}; expected one of {', '.join(TIME_UNITS)}"
-            )
+            expected = ", ".join(TIME_UNITS)
+            raise RecordingError(f"{self.path.name}: {self.header[column]} is in {unit!r}; expected one of {expected}")
         return TIME_UNITS[unit] * self.numbers(column)
 
-    def three(self, columns: Sequence[str]) -> np.ndarray:
-        """(T, 3) of three columns. Raises RecordingError if one is not there, naming it and those that are."""
-        places = [self.where(column) for column in columns]
-        if None in places:
-            lacking = columns[places.index(None)]
-            there = ", ".join(filter(None, self.header))
-            raise RecordingError(f"{self.name} lacks the column {lacking!r}; it has {there}")
-        return np.stack([self.numbers(position) for position in places if position is not None], axis=1)
-
-    def in_units(self, columns: Sequence[str]) -> tuple[np.ndarray, str | None]:
+    def signal(self, columns: Sequence[str]) -> tuple[np.ndarray, str | None]:
         """(T, 3) of three columns, and the unit that the file states; None if it states none.
 
         Raises:
-            RecordingError: if a column is not there, or the unit is none that is known.
+            RecordingError: if a column is not there (the message names it and those that are), or the unit is none that
+                is known.
         """
-        values = self.three(columns)
-        stated = {self.unit(self.where(column) or 0) for column in columns}
-        if stated <= {""}:
-            return values, None
+        places = [place for column in columns if (place := self.where(column)) is not None]
+        if len(places) < len(columns):
+            lacking = next(column for column in columns if self.where(column) is None)
+            there = ", ".join(filter(None, self.header))
+            raise RecordingError(f"{self.path.name} lacks the column {lacking!r}; it has {there}")
+        stated = {self.units[place] if place < len(self.units) else "" for place in places}
         known = {known_unit(unit) for unit in stated}
-        unit = known.pop()
-        if known or unit is None:
+        if stated != {""} and (len(known) > 1 or None in known):
             raw = ": raw numbers, for which the calibration is lacking; export calibrated data" if RAW in stated else ""
-            units = ", ".join(sorted(stated))
-            raise RecordingError(
-                f"{self.name}: {columns[0]} … is in {units}; expected one of {', '.join((*GYR_UNITS, *ACC_UNITS))}{raw}"
-            )
-        return values, unit
-
-    def unit(self, column: int) -> str:
-        """What the file states of a column's unit; "" where it states nothing."""
-        return self.units[column] if column < len(self.units) else ""
+            units = f"{', '.join(sorted(stated))}; expected one of {', '.join((*GYR_UNITS, *ACC_UNITS))}{raw}"
+            raise RecordingError(f"{self.path.name}: {columns[0]} … is in {units}")
+        return np.stack([self.numbers(place) for place in places], axis=1), known.pop()
 
 
 class TextFormat(NamedTuple):
@@ -134,13 +111,9 @@ class TextFormat(NamedTuple):
 
     def files(self, folder: Path) -> list[Path]:
         """The files of this format in a folder, by name."""
-        matches = []
-        for pattern in ("*", "*/*") if self.below else ("*",):
-            for file in sorted(folder.glob(pattern)):
-                if file.suffix.lower() in self.endings and not file.name.startswith(".") and file.is_file():
-                    with file.open("rb") as stream:
-                        matches += [file] if self.recognises(file, stream.read(HEAD)) else []
-        return matches
+        every = [file for pattern in ("*", "*/*")[: 1 + self.below] for file in sorted(folder.glob(pattern))]
+        likely = [file for file in every if file.suffix.lower() in self.endings and file.is_file()]
+        return [file for file in likely if not file.name.startswith(".") and self.recognises(file, first_bytes(file))]
 
     def measured(self, path: Path) -> Measured:
         """All sensors of a file or folder.
@@ -151,10 +124,7 @@ class TextFormat(NamedTuple):
         """
         if path.is_dir():
             return joined([self.measured(file) for file in self.files(path)], path.name)
-        return self.measured_rows(self.read(path))
-
-    def measured_rows(self, rows: Rows) -> Measured:
-        """All sensors of the rows of a file, with the notes about them."""
+        rows = self.read(path)
         whole = self.content(rows)
         return whole._replace(notes=(*rows.notes, *whole.notes))
 
@@ -183,10 +153,15 @@ class TextFormat(NamedTuple):
         check_columns(names, path.name)
         head = head_of(lines, encoding, row, separator, last)._replace(names=names)
         if self.in_header:
-            pairs = [name.partition(" (") for name in names]
-            units = tuple(unit.removesuffix(")") for _, _, unit in pairs)
-            head = head._replace(names=tuple(name for name, _, _ in pairs), units=units)
+            names, units = zip(*(name.removesuffix(")").partition(" (")[::2] for name in names), strict=True)
+            head = head._replace(names=names, units=units)
         return read_rows(path, head)
+
+
+def first_bytes(file: Path) -> bytes:
+    """The first bytes of a file, by which its format is recognised."""
+    with file.open("rb") as stream:
+        return stream.read(HEAD)
 
 
 def read_rows(path: Path, head: Head) -> Rows:

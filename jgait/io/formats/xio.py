@@ -28,15 +28,17 @@ def _is_header(cells: tuple[str, ...]) -> bool:
 
 
 def _content(rows: Rows) -> Measured:
-    gyr, gyr_unit = rows.in_units([f"Gyroscope {axis}" for axis in "XYZ"])
-    acc, acc_unit = rows.in_units([f"Accelerometer {axis}" for axis in "XYZ"])
+    gyr, gyr_unit = rows.signal([f"Gyroscope {axis}" for axis in "XYZ"])
+    acc, acc_unit = rows.signal([f"Accelerometer {axis}" for axis in "XYZ"])
     clock = next((place for word in ("Time", "Timestamp") if (place := rows.where(word)) is not None), None)
     time, notes = None if clock is None else rows.seconds(clock, ""), []
     if time is not None:
         whole = np.column_stack([time, gyr, acc])
         fresh = np.concatenate([[True], np.any(whole[1:] != whole[:-1], axis=1)])
         if not fresh.all():
-            notes.append(DATA_LOST.note(f"{rows.name}: rows that repeat the row before left out: {(~fresh).sum()}"))
+            notes.append(
+                DATA_LOST.note(f"{rows.path.name}: rows that repeat the row before left out: {(~fresh).sum()}")
+            )
         time, gyr, acc = time[fresh], gyr[fresh], acc[fresh]
     stem = rows.path.stem
     called = rows.path.parent.resolve().name if stem.lower() in BY_DEVICE else stem

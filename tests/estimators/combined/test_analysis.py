@@ -201,7 +201,7 @@ def test_no_number_depends_on_a_note(walked, analysis):
     damage = harm.DAMAGES["sensor 0.1 s late"].change(rows, "shank_right", np.random.default_rng(1))
     recording = harm.read(damage, "walk")
     assert recording.quality["shank_right"].late == pytest.approx(0.1, abs=0.02)
-    assert "sensor_late" in codes(recording.notes)
+    assert "clocks_apart" in codes(recording.notes)
     stated, silent = (jgait.analyse(one, PERSON) for one in (recording, recording._replace(notes=())))
     assert set(stated.notes) - set(silent.notes) <= set(recording.notes)
     for name in ("legs", "strides", "strides_stddev", "distance", "valid"):
@@ -324,7 +324,7 @@ def test_running_between_walks_is_named_and_turns_nothing_round():
         parts.append(simulate.recording(key, walks, way, placements=(*FEET, "pelvis")))
     recording = in_a_row(*[part for part, _ in parts])
     found = jgait.analyse(recording)
-    assert not of_code((*found.notes, *contradictions(recording).notes), "pace_unusual", "sides_out_of_step")
+    assert not of_code((*found.notes, *contradictions(recording).notes), "pace_unusual", "clocks_apart")
     assert not of_code(found.notes, "feet_of_contacts_differ")
     (mixed,) = of_code(found.notes, "paces_mixed")
     ran = int(np.sum(parts[1][1].strides.valid))
@@ -404,7 +404,7 @@ def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
 def test_exchanged_sensors_change_nothing_but_a_note(walked, analysis, kind):
     quality = {"ankle_right": SensorQuality(late=-0.1), "shank_right": SensorQuality(faster=1.7)}
     follow = tuple(writer.contradictions(quality))
-    assert codes(follow) == ["sensor_late", "sides_differ"]
+    assert codes(follow) == ["clocks_apart", "sensor_contradicts"]
     wrong = exchanged(walked[0], kind, "shank_right")._replace(notes=follow, quality=quality)
     found = jgait.analyse(wrong, PERSON)
     (note,) = set(found.notes) - set(analysis.notes)

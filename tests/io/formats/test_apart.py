@@ -126,13 +126,13 @@ def test_phyphox(tmp_path, options):
         options["columns"] = "{axis} ({unit})"
     recording = io.read(phyphox(tmp_path / "walk", **options), placement="waist")
     made_files.check(recording, "waist")
-    assert "states no unit" not in str(texts(recording.notes)) and not of_code(recording.notes, "signs_assumed")
+    assert "states no unit" not in str(texts(recording.notes)) and not of_code(recording.notes, "up_unsure")
 
 
 def test_two_clocks_are_joined(tmp_path):
     time, gyr, _ = made_files.walk()
     recording = io.read(phyphox(tmp_path / "walk", apart=0.007), placement="waist")
-    assert of_code(recording.notes, "clocks_joined")
+    assert of_code(recording.notes, "times_corrected")
     imu = recording.sensors["waist"]
     assert len(imu.time) == len(time) - 1  # from the first sample of the gyroscope on
     inner = slice(1, -1)
@@ -146,7 +146,7 @@ def test_metabase_also_with_two_rates(tmp_path, step):
     imu, (_, gyr, acc) = recording.sensors["foot_right"], made_files.walk()
     np.testing.assert_allclose(imu.gyr[:-1], gyr[: len(imu.gyr) - 1], atol=1e-6)
     np.testing.assert_allclose(imu.acc[::step], acc[: len(imu.acc) : step], atol=1e-6)
-    assert bool(of_code(recording.notes, "clocks_joined")) == (step > 1)
+    assert bool(of_code(recording.notes, "times_corrected")) == (step > 1)
 
 
 def test_devices_and_recordings_of_a_folder(tmp_path):
@@ -174,7 +174,7 @@ def test_core_motion(tmp_path, options):
     recording = io.read(path, placement="waist", **rate)
     made_files.check(recording, "waist")
     assert all(words in str(texts(recording.notes)) for words in (TURNED, ADDED))
-    assert not of_code(recording.notes, "signs_assumed")
+    assert not of_code(recording.notes, "up_unsure")
     with pytest.raises(RecordingError, match="does not state where its sensors sat"):
         io.read(path, **rate)
 
@@ -185,4 +185,4 @@ def test_signs_of_an_unknown_program_are_a_doubt(tmp_path):
         table(tmp_path / f"{name}.csv", ["timestamp_ns", *(f"{a} [{unit}]" for a in "xyz")], 1e9 * time, *values.T)
     recording = io.read(tmp_path, placement="waist")
     made_files.check(recording, "waist")
-    assert of_code(recording.notes, "signs_assumed")
+    assert of_code(recording.notes, "up_unsure")

@@ -1,7 +1,5 @@
 """APDM Opal's `.h5`, written by this test in both of its layouts."""
 
-import sys
-
 import h5py
 import numpy as np
 import pytest
@@ -90,20 +88,6 @@ def test_files_without_labels_ask_for_placements(tmp_path):
         assert any("left out" in note and "XI-003210" in note for note in texts(recording.notes))
 
 
-def test_time_that_stands_still_gives_way_to_the_rate_of_the_file(tmp_path):
-    path = write_new(tmp_path / "still.h5", ["lower_back"], time=np.zeros(SAMPLES, np.uint64))
-    recording = io.read(path)
-    agrees(recording.sensors["lower_back"], "lower_back")
-    assert any("Time does not run; the file's rate of 100 Hz counts" in note for note in texts(recording.notes))
-
-
-def test_samples_lost_on_the_radio_are_masked(tmp_path):
-    late = stamps() + np.where(np.arange(SAMPLES) >= 60, np.uint64(50_000), np.uint64(0))
-    imu = io.read(write_new(tmp_path / "gap.h5", ["lower_back"], time=late)).sensors["lower_back"]
-    assert len(imu.time) == SAMPLES + 5 and not imu.mask[60:65].any() and imu.mask.sum() == SAMPLES
-    np.testing.assert_array_equal(imu.gyr[65:], signals("lower_back")[0][60:])
-
-
 @pytest.mark.parametrize(
     "changes, message",
     [
@@ -119,34 +103,6 @@ def test_a_malformed_file_is_named_with_what_is_lacking(tmp_path, changes, messa
     places = changes.pop("places", ["lower_back"])
     path = write_new(tmp_path / "bad.h5", places, **changes)
     with pytest.raises(RecordingError, match=f"bad.h5.*{message}"):
-        apdm.measured(path)
-
-
-def test_files_that_are_something_else(tmp_path):
-    whole = write_new(tmp_path / "whole.h5")
-    cut = tmp_path / "cut.h5"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    text = tmp_path / "text.h5"
-    text.write_text("time\n1\n")
-    empty = tmp_path / "empty.h5"
-    empty.touch()
-    for path in (cut, text):
-        with pytest.raises(RecordingError, match=f"{path.name} is no whole HDF5 file; expected an APDM"):
-            io.read(path)
-    with pytest.raises(RecordingError, match="empty.h5 is empty; expected an APDM Opal HDF5 file"):
-        io.read(empty)
-    with pytest.raises(RecordingError, match="is a folder"):
-        apdm.measured(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        io.read(tmp_path / "nowhere.h5")
-
-
-def test_a_missing_library_names_the_extra(tmp_path, monkeypatch):
-    path = write_new(tmp_path / "walk.h5")
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(
-        ImportError, match=r"reading an APDM Opal HDF5 file needs the extra io: pip install 'jgait\[io\]'"
-    ):
         apdm.measured(path)
 
 

@@ -10,7 +10,6 @@ from made.notes import texts
 
 from jgait import RecordingError, io
 from jgait.io.formats import bids, registry
-from jgait.io.names import placement_of
 
 POINTS = {"lower_back": "lowerBack", "foot_right": "rightFoot", "foot_left": "leftFoot"}
 STEM = "sub-pp002_task-walk_tracksys-imu"
@@ -126,44 +125,46 @@ def test_a_header_and_a_compressed_file_are_read_too(tmp_path):
     assert any("has a header" in note for note in texts(recording.notes))
 
 
-def test_no_rate_asks_for_one(tmp_path):
-    path = write(tmp_path, *table(), about={"TaskName": "walk"})
-    with pytest.raises(RecordingError, match="neither time stamps nor a sampling rate; give sampling_rate_hz"):
-        io.read(path)
-    agrees(io.read(path, sampling_rate_hz=RATE).sensors["foot_left"], "foot_left")
+def replaced(rows, kind, position, value):
+    """Rows of channels.tsv with another cell in those whose name has the kind."""
+    return [[*row[:position], value, *row[position + 1 :]] if kind in row[0] else row for row in rows]
 
 
-def test_malformed_files_are_named_with_what_was_expected(tmp_path):
+MALFORMED = {
+    "columns": (lambda rows: {"rows": rows[:-1]}, f"{STEM}_motion.tsv has 7 columns, its channels.tsv 6 rows"),
+    "about": (lambda rows: {"about": None}, "needs sub-pp002_task-walk_tracksys-imu_motion.json"),
+    "axis": (
+        lambda rows: {"rows": replaced(rows, "GYRO_y", 2, "MISC")},
+        "GYRO of 'leftFoot' must have the components x, y and z, once each; it has z, x ",
+    ),
+    "unit": (
+        lambda rows: {"rows": replaced(rows, "ACCEL", 4, "furlong")},
+        "leftFoot_ACCEL_x .ACCEL. is in 'furlong'; expected one of m/s",
+    ),
+    "units": (lambda rows: {"rows": replaced(rows, "GYRO_x", 4, "deg/s")}, "must share a unit; they have deg/s, rad/s"),
+    "gyroscope": (
+        lambda rows: {"rows": replaced(rows, "GYRO", 2, "MISC")},
+        "no gyroscope: expected channels of type GYRO, found ACCEL, MAGN, MISC",
+    ),
+    "head": (
+        lambda rows: {"head": ["name", "component", "type", "point", "u"]},
+        "lacks units; expected name, component, type, units",
+    ),
+    "json": (lambda rows: {"about": ""}, "_motion.json must be a JSON object; it is a str"),
+}
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_malformed_files_are_named_with_what_was_expected(tmp_path, name):
+    change, message = MALFORMED[name]
     rows, values = table({"foot_left": "leftFoot"})
-    about = {"SamplingFrequency": RATE}
+    given = {"rows": rows, "about": {"SamplingFrequency": RATE}} | change(rows)
+    with pytest.raises(RecordingError, match=message):
+        bids.measured(write(tmp_path, given.pop("rows"), values, **given))
 
-    def refused(number, message, *, rows=rows, values=values, **options):
-        path = write(tmp_path / str(number), rows, values, **({"about": about} | options))
-        with pytest.raises(RecordingError, match=message):
-            bids.measured(path)
-        return path
 
-    refused(0, f"{STEM}_motion.tsv has 7 columns, its channels.tsv 6 rows", rows=rows[:-1])
-    refused(1, "needs sub-pp002_task-walk_tracksys-imu_motion.json", about=None)
-    refused(2, "GYRO of 'leftFoot' must have the components x, y and z, once each; it has z, x ", rows=[
-        row if row[0] != "leftFoot_GYRO_y" else ["t", "n/a", "MISC", "leftFoot", "V"] for row in rows
-    ])  # fmt: skip
-    refused(3, "leftFoot_ACCEL_x .ACCEL. is in 'furlong'; expected one of m/s", rows=[
-        [*row[:4], "furlong"] if row[2] == "ACCEL" else row for row in rows
-    ])  # fmt: skip
-    refused(4, "must share a unit; they have deg/s, rad/s", rows=[
-        [*row[:4], "deg/s"] if row[0] == "leftFoot_GYRO_x" else row for row in rows
-    ])  # fmt: skip
-    refused(5, "no gyroscope: expected channels of type GYRO, found ACCEL, MAGN, MISC", rows=[
-        [*row[:2], "MISC", *row[3:]] if row[2] == "GYRO" else row for row in rows
-    ])  # fmt: skip
-    refused(6, "lacks units; expected name, component, type, units", head=["name", "component", "type", "point", "u"])
-    refused(7, "_motion.json must be a JSON object; it is a str", about="")
-    path = write(tmp_path / "8", rows, values, about=about)
-    path.with_name(f"{STEM}_motion.json").write_text("{")
-    with pytest.raises(RecordingError, match="_motion.json is no JSON"):
-        bids.measured(path)
-    path = write(tmp_path / "8", rows, values, about=about)
+def test_cells_and_files_that_are_lacking(tmp_path):
+    path = write(tmp_path, *table({"foot_left": "leftFoot"}), about={"SamplingFrequency": RATE})
     text = path.read_text().splitlines()
     path.write_text("\n".join([*text[:5], text[5].replace("\t", "\tlost\t", 1).rsplit("\t", 1)[0], *text[6:]]))
     with pytest.raises(RecordingError, match="_motion.tsv: leftFoot_ACCEL_x holds 'lost' in row 5; expected a number"):
@@ -171,23 +172,3 @@ def test_malformed_files_are_named_with_what_was_expected(tmp_path):
     path.with_name(f"{STEM}_channels.tsv").unlink()
     with pytest.raises(RecordingError, match="needs .*_channels.tsv, which states what its columns are"):
         bids.measured(path)
-    path.write_text("")
-    with pytest.raises(RecordingError, match="is empty; expected a BIDS motion file"):
-        bids.measured(path)
-    cut = path.with_name(f"{STEM}_motion.tsv.gz")
-    cut.write_bytes(gzip.compress(lines([[1.0] * 7] * 500).encode())[:30])
-    write(tmp_path / "8", rows, values, about=about)
-    with pytest.raises(RecordingError, match=r"motion\.tsv\.gz is no table with tabs"):
-        bids.measured(cut)
-    with pytest.raises(FileNotFoundError):
-        io.read(tmp_path / "nowhere_motion.tsv")
-
-
-def test_tracked_points_of_a_published_data_set_are_placed():
-    """Those of `motion_systemvalidation` among the examples of BIDS (Noraxon, 16 sensors)."""
-    placed = {
-        "head": "head", "sternum": "sternum", "pelvis": "pelvis", "leftThigh": "thigh_left", "leftFoot": "foot_left",
-        "rightShank": "shank_right", "rightAnkle": "ankle_right", "leftUpperArm": None, "rightForeArm": None,
-        "pocket": None,
-    }  # fmt: skip
-    assert {point: placement_of(point) for point in placed} == placed

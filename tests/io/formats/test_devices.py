@@ -1,7 +1,6 @@
 """Files of worn devices: Axivity's CWA, and those that are refused, for they have no gyroscope."""
 
 import struct
-import sys
 import zipfile
 
 import numpy as np
@@ -54,12 +53,6 @@ def test_axivitys_cwa(tmp_path):
         io.read(path, placement="foot_right")
     with pytest.raises(RecordingError, match="this AX3 recorded no gyroscope, which every method needs"):
         io.read(cwa(tmp_path / "ax3.cwa", gyroscope=False)[0], placement="waist")
-
-
-def test_the_reader_that_is_lacking_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "cwa_reader_rs", None)
-    with pytest.raises(ImportError, match=r"needs the extra devices: pip install 'jgait\[devices\]'"):
-        io.read(cwa(tmp_path / "walk.cwa")[0], placement="waist")
 
 
 ACTIGRAPH = "------------ Data File Created By ActiGraph {} ActiLife v6.13.3 Firmware v1.7.2 at 100 Hz -----------"

@@ -27,17 +27,6 @@ def test_gaitmaps_sensors():
     made_files.check(other, "shank_left")
 
 
-def test_data_in_other_units():
-    table = made_files.frame()
-    accs, gyrs = ([name for name in table if kind in name] for kind in ("acc", "gyr"))
-    table[accs], table[gyrs] = table[accs] / 9.80665, table[gyrs] * np.pi / 180.0
-    units = {"acc_unit": "g", "gyr_unit": "rad/s"}
-    made_files.check(io.recording_from_gaitmap({"right_sensor": table}, 100.0, **units))
-    made_files.check(io.recording_from_mobgap(table, 100.0, **units), "lower_back")
-    with pytest.raises(RecordingError, match="acc_unit='g'"):
-        io.recording_from_mobgap(table, 100.0, gyr_unit="rad/s")
-
-
 def test_what_gaitmap_data_must_have():
     table = made_files.frame()
     with pytest.raises(RecordingError, match="columns of two levels; found .*pass one sensor as"):

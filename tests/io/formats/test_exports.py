@@ -26,16 +26,6 @@ def test_gaitmaps_parameters_are_those_of_its_stride_list():
     assert (right["tc_angle"] < 0).all() and (right["ic_angle"] > 0).all()
 
 
-def test_what_is_not_known_has_no_column():
-    estimate = made_tables.estimate(lift=None, contact_angle=None, speed=None)
-    found = io.to_gaitmap_parameters(estimate, RATE)["right_sensor"]
-    assert list(found.columns) == [
-        "stride_length", "tc_angle", "turning_angle", "stride_time", "swing_time", "stance_time",
-    ]  # fmt: skip
-    with pytest.raises(ValueError, match="need contacts and standing"):
-        io.to_gaitmap_parameters(made_tables.estimate(standing=None), RATE)
-
-
 def test_mobgaps_contacts_strides_and_bouts():
     estimate = made_tables.estimate(pause=4.0)
     contacts, strides, bouts = io.to_mobgap(estimate, RATE)
@@ -78,12 +68,6 @@ def test_a_half_step_counts_in_no_mean_of_mobgaps():
     assert not (table["stride_length_m"] <= 0.0).any()
     np.testing.assert_allclose(bouts["stride_length_m"], made_tables.LENGTH)
     assert list(bouts["n_strides"]) == [2 * made_tables.STRIDES]
-
-
-def test_contacts_that_the_estimator_lists_come_first():
-    told = {"initial_contact": np.array([1.0, 1.5]), "initial_contact_side": np.array([1, 0])}
-    contacts = io.to_mobgap(made_tables.estimate()._replace(diagnostics=told), RATE).ic_list
-    assert list(contacts["ic"]) == [100, 150] and list(contacts["lr_label"]) == ["left", "right"]
 
 
 def test_nobody_walks_and_nothing_is_known():

@@ -8,7 +8,6 @@ from scipy.io import savemat
 
 from jgait import RecordingError, io
 from jgait.datasets import registry
-from jgait.io.formats import mobilised
 
 LABELS = {"lower_back": "LowerBack", "foot_right": "RightFoot", "foot_left": "LeftFoot"}
 START = 1_607_605_064.733
@@ -88,13 +87,6 @@ def test_a_variable_that_hides_another_is_refused(write):
         io.read_mobilised(one)
 
 
-def test_one_trial_is_read_by_the_common_reader(write):
-    path = write({"TimeMeasure1": {"Recording4": trial(SU={"LowerBack": sensor("lower_back", start=None)})}})
-    recording = io.read(path)
-    agrees(recording.sensors["lower_back"], "lower_back")
-    assert "read as Mobilise-D MATLAB file" in texts(recording.notes)
-
-
 def test_devices_that_start_apart_share_the_time_in_which_both_ran(write):
     su = {"LowerBack": sensor("lower_back")}
     path = write({"T": {"A": trial(SU=su, SU_INDIP={"LeftFoot": sensor("foot_left", start=START + 0.5)})}})
@@ -103,16 +95,6 @@ def test_devices_that_start_apart_share_the_time_in_which_both_ran(write):
     # Unix seconds are known to 2.4e-7 s, which moves interpolated samples by that much of the slope.
     np.testing.assert_allclose(recording.sensors["lower_back"].gyr[:100], gyr[50:150], atol=1e-5)
     np.testing.assert_allclose(recording.sensors["foot_left"].gyr[:100], signals("foot_left")[0][:100], atol=1e-5)
-
-
-def test_time_stamps_with_a_gap_overrule_the_rate(write):
-    stamps = START + np.arange(SAMPLES) / RATE + np.where(np.arange(SAMPLES) >= 100, 0.2, 0.0)
-    path = write({"T": {"A": trial(SU={"LowerBack": sensor("lower_back", Timestamp=stamps)})}})
-    recording = io.read_mobilised(path)
-    imu = recording.sensors["lower_back"]
-    assert len(imu.time) == SAMPLES + 20 and (~imu.mask).sum() == 20 and not imu.mask[100:120].any()
-    np.testing.assert_allclose(imu.gyr[120:], signals("lower_back")[0][100:], atol=1e-9)
-    assert any("Timestamp differs from samples" in note for note in texts(recording.notes))
 
 
 @pytest.mark.parametrize(
@@ -132,37 +114,6 @@ def test_a_malformed_sensor_is_named(write, changed, message):
     path = write({"T": {"A": trial(SU={"LowerBack": sensor("lower_back", **changed)})}})
     with pytest.raises(RecordingError, match=message):
         io.read_mobilised(path)
-
-
-def test_files_that_are_something_else(write, tmp_path):
-    whole = write({"T": {"A": trial(SU={"LowerBack": sensor("lower_back")})}})
-    cut = tmp_path / "cut.mat"
-    cut.write_bytes(whole.read_bytes()[:4000])
-    empty = tmp_path / "empty.mat"
-    empty.write_bytes(b"")
-    text = tmp_path / "text.mat"
-    text.write_text("time,gyr_x\n0,1\n" * 50)
-    newer = tmp_path / "newer.mat"
-    newer.write_bytes(b"MATLAB 7.3 MAT-file" + b" " * 600)
-    other = tmp_path / "other.mat"
-    savemat(other, {"steps": np.arange(3.0)})
-    cases = {
-        cut: "cut.mat is no whole MATLAB file; expected a Mobilise-D",
-        empty: "empty.mat is empty; expected a Mobilise-D",
-        text: "text.mat is no whole MATLAB file",
-        newer: r"version 7\.3; expected version 5 to 7",
-        other: "has no variable 'data', but steps",
-        write({"T": {"A": {"Standards": {"INDIP": 1.0}}}}, "bare.mat"): "no trial with a struct SU, .*without are T/A",
-        write({"T": {"A": 1.0}}, "flat.mat"): "no trial with a struct SU, .*'data' has T",
-        write(1.0, "number.mat"): "'data' should be a struct, it is float",
-    }
-    for path, message in cases.items():
-        with pytest.raises(RecordingError, match=message):
-            mobilised.measured(path)
-    with pytest.raises(RecordingError, match="is a folder"):
-        mobilised.measured(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        io.read_mobilised(tmp_path / "nowhere.mat")
 
 
 def test_real_trials_are_those_of_the_data_set(data):

@@ -60,13 +60,6 @@ def test_angles_come_back_with_jgaits_signs(tmp_path, sign, degrees):
     assert estimate.valid.all()
 
 
-def test_whole_paths_and_blanks_between_columns(tmp_path):
-    motion = io.read_opensim(write(tmp_path / "states.sto", columns(path=True), degrees="no", gap="    "))
-    estimate = io.opensim_reference(motion)
-    np.testing.assert_allclose(estimate.legs.left.knee_angle, KNEE["l"], atol=1e-10)
-    assert np.isnan(estimate.legs.left.x).all()
-
-
 def test_a_file_that_does_not_say_degrees_is_asked(tmp_path):
     header = ("name walk", "datacolumns {n}", "datarows 201")
     motion = io.read_opensim(write(tmp_path / "old.mot", columns(), degrees="", header=header))
@@ -135,28 +128,3 @@ def test_orientations_are_recognised_and_refused(tmp_path):
     other.write_text(said.read_text().replace("Quaternion", "Vec3"))
     with pytest.raises(RecordingError, match="vectors.sto holds cells of type vec3, expected one number a cell"):
         io.read_opensim(other)
-
-
-def test_files_that_are_something_else(tmp_path):
-    whole = write(tmp_path / "whole.mot", columns()).read_text()
-    cases = {
-        "empty": ("", "empty.mot is empty; expected an OpenSim motion"),
-        "headless": ("time\tknee_angle_r\n0\t1\n", "none of its first 2 lines is endheader"),
-        "long": ("a\n" * 300, "none of its first 200 lines is endheader"),
-        "names": ("endheader\nframe\tknee_angle_r\n0\t1\n", "first column must be time; the columns are frame, knee"),
-        "bare": ("endheader\ntime\tknee_angle_r\n", "has no rows"),
-        "rows": (whole[: whole.index("\n1.5\t")] + "\n", r"header states 201 rows, 150 are there"),
-        "cut": (
-            whole.replace("nRows=201\n", "")[: -len(whole.splitlines()[-1]) + 20],
-            "is truncated: its last row has",
-        ),
-        "word": (whole.replace("\n0.05\t", "\n0.05\tlost", 1), "column 1 holds 'lost.* in row 5, no number"),
-        "back": (whole.replace("\n0.5\t", "\n0.1\t", 1), "time must increase"),
-    }
-    for name, (content, message) in cases.items():
-        path = tmp_path / f"{name}.mot"
-        path.write_text(content)
-        with pytest.raises(RecordingError, match=message):
-            io.read_opensim(path)
-    with pytest.raises(FileNotFoundError):
-        io.read_opensim(tmp_path / "nowhere.mot")
