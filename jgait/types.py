@@ -326,6 +326,8 @@ def reason_of(error: BaseException) -> str:
     Errors of a compiled program, unless it lacked memory, point to the command that removes the kept programs.
     """
     text = str(error) if isinstance(error, ValueError | OSError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, OSError) and error.filename is not None:  # without the number that the system gives it
+        text = f"{error.filename}: {error.strerror}"
     compiled = type(error).__name__ in ("JaxRuntimeError", "XlaRuntimeError") and "RESOURCE_EXHAUSTED" not in text
     return " ".join(text.split()) + (COMPILED_FAILED if compiled else "")
 

@@ -239,6 +239,12 @@ def test_formulae_become_mathml(extension):
     assert "\\" not in block
 
 
+@pytest.mark.parametrize("name", ["command-line.md", "formats.md"])
+def test_what_is_written_into_pages_is_up_to_date(extension, name):
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    assert page == extension("sources").page(name), "run `python docs/_ext/sources.py`"
+
+
 def test_an_experiment_without_rows_is_named(extension):
     with pytest.raises(ValueError, match=r"no row of none"):
         extension("sources").accuracy("none")

@@ -64,9 +64,23 @@ def formats() -> str:
 
 PARTS = {
     "accuracy": accuracy,
-    "command_line": command_line,
     "docstring": docstrings.part,
-    "formats": formats,
     "methods": methods,
 }
 """What may stand alone on a line of a page: `{{ name argument … }}`."""
+
+WRITTEN = {"command-line.md": command_line, "formats.md": formats}
+"""Page → the piece that stands in it between two comments, so that it is there without the site, too."""
+
+
+def page(name: str) -> str:
+    """A page of `WRITTEN` with its piece as it is now."""
+    text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    begin, end = "<!-- made by docs/_ext/sources.py -->\n", "<!-- until here -->\n"
+    before, _, rest = text.partition(begin)
+    return f"{before}{begin}\n{WRITTEN[name]()}\n\n{end}{rest.partition(end)[2]}"
+
+
+if __name__ == "__main__":
+    for name in WRITTEN:
+        (ROOT / "docs" / name).write_text(page(name), encoding="utf-8")

@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jgait.notes import by_reason, printable
+from jgait.types import reason_of
 
 if TYPE_CHECKING:
     from jgait.report import page
@@ -167,4 +168,4 @@ def refused(what: str = "", *more: type[Exception]) -> Iterator[None]:
     try:
         yield
     except kinds as error:
-        stop(f"{what}{error}")
+        stop(f"{what}{reason_of(error) if isinstance(error, OSError) else error}")

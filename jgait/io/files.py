@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import json
+import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -91,8 +92,12 @@ def check_size(declared: int, name: str) -> None:
 
 
 def check_regular(path: Path, expected: str) -> None:
-    """Refuse, by a RecordingError with the `expected`, a device or a pipe, which a reader might wait for."""
-    if path.exists() and not path.is_file() and not path.is_dir():
+    """Refuse a path at which there is nothing, by a FileNotFoundError, and, by a RecordingError with the `expected`, a
+    device or a pipe, which a reader might wait for.
+    """
+    if not path.exists():
+        raise FileNotFoundError(f"there is no such file: {path}")
+    if not path.is_file() and not path.is_dir():
         raise RecordingError(f"{path.name} is no regular file; expected {expected}")
 
 
@@ -106,9 +111,10 @@ def check_file(path: Path, expected: str) -> None:
     check_regular(path, expected)
     if path.is_dir():
         raise RecordingError(f"{path.name} is a folder; expected {expected}")
-    with path.open("rb") as stream:
-        if not stream.read(1):
-            raise RecordingError(f"{path.name} is empty; expected {expected}")
+    if not os.access(path, os.R_OK):
+        raise PermissionError(f"{path} may not be read: you lack the permission")
+    if not path.stat().st_size:
+        raise RecordingError(f"{path.name} is empty; expected {expected}")
     check_size(path.stat().st_size, path.name)
 
 
