@@ -214,21 +214,6 @@ def test_an_unusual_gait_is_no_damage(gait):
     assert "clocks_apart" not in codes(notes) and not any("tilt by up to" in note.text for note in notes)
 
 
-def test_short_bouts_standing_and_slow_or_short_recordings_are_not_judged(walk):
-    person = simulate.person_of(simulate.population(jax.random.key(50), 3, recorded=True), 0)
-    key, bouts = jax.random.fold_in(jax.random.key(51), 0), [simulate.straight(5.0)] * 3
-    short, _ = simulate.with_breaks(key, person, bouts, (2.0, 8.0), MPU6000, placements=FEET)
-    assert not codes(contradictions(short).notes) & {"pace_unusual", "clocks_apart"}
-    draw = np.random.default_rng(3)
-    down = np.tile([0.0, 0.0, 9.81], (len(walk.sensors["pelvis"].time), 1))
-    still = {p: imu._replace(gyr=1e-3 * draw.normal(size=down.shape), acc=down) for p, imu in walk.sensors.items()}
-    cut = {p: imu._replace(**{n: getattr(imu, n)[:90] for n in ("time", "gyr", "acc", "mask")})
-           for p, imu in walk.sensors.items()}  # fmt: skip
-    without = {p: imu._replace(acc=None) for p, imu in walk.sensors.items()}
-    for sensors, rate_hz in ((still, 128.0), (walk.sensors, 1.0), (cut, 128.0), (without, 128.0)):
-        assert contradictions(walk._replace(sensors=sensors, sampling_rate_hz=rate_hz)).notes == ()
-
-
 def test_a_sensor_that_is_taken_off_and_lies_still_is_not_wrong(turning):
     """From a third of the walk on it does not turn with the person, nor as fast as that of the other leg."""
     two = harm.read(worn(turning, *FEET), "walk")
@@ -321,10 +306,3 @@ def test_a_range_that_repeats_its_reading_while_the_feet_move_is_masked(fault):
     left = {"stuck": passes & (time <= 6.0), "constant": passes & False}.get(fault, passes)
     assert np.array_equal(recording.feet_range.mask, left)
     assert ("range_lost" in codes(recording.notes)) == (fault not in ("none", "steps"))
-
-
-def test_a_runner_is_not_refused_for_the_mean_of_the_force(rows):
-    """Where a foot is calm it measures gravity, whatever the median."""
-    hard = {p: {**s, "acc": s["acc"] + 12.0 * (np.abs(s["gyr"]).max(axis=1, keepdims=True) > 40.0)}
-            for p, s in worn(rows, *FEET).sensors.items()}  # fmt: skip
-    assert set(io.recording_from_arrays(hard, time=rows.time).sensors) == set(FEET)

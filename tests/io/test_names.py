@@ -13,7 +13,8 @@ from jgait.types import RecordingError
 KNOWN = {
     "thigh_right": ("GyroThighR_x", "Gyro Thigh R X [deg/s]", "thighRightGyrX"),
     "thigh_right_acc": ("muslo_derecho_acc_x", "Oberschenkel_rechts_Beschleunigung_x"),
-    "foot_left": ("LFoot.Gyro.X", "foot_L_5_gyr_x", "LF_gyro_x_rads", "Pied Gauche Gyro X", "piede sinistro giroscopio x"),
+    "foot_left": ("LFoot.Gyro.X", "foot_L_5_gyr_x", "LF_gyro_x_rads", "Pied Gauche Gyro X",
+                  "piede sinistro giroscopio x"),
     "foot_left_acc": ("Fuß_li_acc_x",),
     "lower_back": ("L5 Gyr_X", "Lumbar Gyro X", "lowerback gyrx"),
     "lower_back_acc": ("L5_Acc_X", "l4AccX"),

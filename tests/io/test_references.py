@@ -75,51 +75,42 @@ def later(table, seconds):
     return table.assign(start_s=table["start_s"] + seconds, end_s=table["end_s"] + seconds)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t: t.drop(columns="end_s"), "needs a column 'end_s'; it has 's_id', 'side'"),
-        (lambda t: t.assign(side="middle"), "has 'right' or 'left'; got 'middle'"),
-        (lambda t: t.assign(stride_length_m="long"), "column 'stride_length_m' of a reference must have numbers"),
-        (lambda t: t.assign(end_s=t["start_s"]), "must end .* after it starts"),
-        (lambda t: t.assign(stride_length_m=-t["stride_length_m"]), r"has no negative lengths; got -1\."),
-        (lambda t: t.assign(stride_length_m=0.0), "lengths that are 0; leave cells of lengths that are not"),
-        (lambda t: pd.concat([t, t.iloc[2:3]]), "strides of the right foot overlap, .* is twice in the table"),
-        (lambda t: pd.concat([t, later(t, 0.5)]), "strides of the right foot overlap, .* or has the wrong side"),
-        (lambda t: t.rename(columns={"turn_deg": "turns_deg"}), "a column 'turns_deg', .* did you mean 'turn_deg'"),
-    ],
-)
+STRIDES = [
+    (lambda t: t.drop(columns="end_s"), "needs a column 'end_s'; it has 's_id', 'side'"),
+    (lambda t: t.assign(side="middle"), "has 'right' or 'left'; got 'middle'"),
+    (lambda t: t.assign(stride_length_m="long"), "column 'stride_length_m' of a reference must have numbers"),
+    (lambda t: t.assign(stride_length_m=100.0 * t["stride_length_m"]), "is in metres; the median of the table is"),
+    (lambda t: t.assign(start_s=1e3 * t["start_s"], end_s=1e3 * t["end_s"]), "are in seconds; a stride of the table"),
+    (lambda t: t.assign(end_s=t["start_s"]), "must end .* after it starts"),
+    (lambda t: t.assign(stride_length_m=-t["stride_length_m"]), r"has no negative lengths; got -1\."),
+    (lambda t: t.assign(stride_length_m=0.0), "lengths that are 0; leave cells of lengths that are not"),
+    (lambda t: pd.concat([t, t.iloc[2:3]]), "strides of the right foot overlap, .* is twice in the table"),
+    (lambda t: pd.concat([t, later(t, 0.5)]), "strides of the right foot overlap, .* or has the wrong side"),
+    (lambda t: t.rename(columns={"turn_deg": "turns_deg"}), "a column 'turns_deg', .* did you mean 'turn_deg'"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), STRIDES)
 def test_strides_that_are_none_are_refused(feet, change, message):
     with pytest.raises(RecordingError, match=message):
-        io.strides_from_dataframe(change(io.strides_to_dataframe(feet)))
+        io.reference_from_tables(feet.time, None, change(io.strides_to_dataframe(feet)))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda t: t.drop(columns="time_s"), "needs a column 'time_s'"),
-        (lambda t: t.iloc[::-1], "'time_s' of a reference must have two times or more, which increase"),
-        (lambda t: t[["time_s"]], "needs a sample in which every column of the reference has a number"),
-        (lambda t: None, "needs a table of samples or of strides, or a distance; got none"),
-        (
-            lambda t: t.rename(columns={"knee_angle_left_deg": "knee_angel_left_deg"}),
-            "did you mean 'knee_angle_left_deg'",
-        ),
-        (
-            lambda t: t.assign(time_s=1e3 * t["time_s"]),
-            "'time_s' of a reference is in seconds.*; its samples are 20 s apart",
-        ),
-        (
-            lambda t: t.assign(time_s=t["time_s"] + 60.0),
-            "from 60 to 70 s, the recording from 0 to 10 s: no time in common",
-        ),
-        (lambda t: t.assign(distance_m=1e3 * t["distance_m"]), "'distance_m' is in metres"),
-        (
-            lambda t: t.assign(knee_angle_left_deg=np.deg2rad(t["knee_angle_left_deg"])),
-            "is in degrees; it varies by 0.8",
-        ),
-    ],
-)
+KNEE = "knee_angle_left_deg"
+SAMPLES = [
+    (lambda t: t.drop(columns="time_s"), "needs a column 'time_s'"),
+    (lambda t: t.iloc[::-1], "'time_s' of a reference must have two times or more, which increase"),
+    (lambda t: t[["time_s"]], "needs a sample in which every column of the reference has a number"),
+    (lambda t: None, "needs a table of samples or of strides, or a distance; got none"),
+    (lambda t: t.rename(columns={KNEE: "knee_angel_left_deg"}), f"did you mean '{KNEE}'"),
+    (lambda t: t.assign(time_s=1e3 * t["time_s"]), "is in seconds.*; its samples are 20 s apart"),
+    (lambda t: t.assign(time_s=t["time_s"] + 60.0), "from 60 to 70 s, the recording from 0 to 10 s: no time in common"),
+    (lambda t: t.assign(distance_m=1e3 * t["distance_m"]), "'distance_m' is in metres"),
+    (lambda t: t.assign(**{KNEE: np.deg2rad(t[KNEE])}), "is in degrees; it varies by 0.8"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), SAMPLES)
 def test_samples_that_are_none_are_refused(change, message):
     with pytest.raises(RecordingError, match=message):
         io.reference_from_tables(TIME, change(io.to_dataframe(angles())))

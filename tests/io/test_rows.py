@@ -49,16 +49,6 @@ def test_whole_files_are_not_noted(tmp_path, separator):
     assert cut_notes(written(tmp_path, ranged.to_csv(index=False, sep=separator).rstrip("\n"))) == []
 
 
-def test_quoted_names_and_long_files(tmp_path):
-    """The end that is searched begins within a row."""
-    text = table(20_000).rename(columns=lambda name: f'"{name}"').to_csv(index=False, quoting=3, escapechar="\\")
-    text = text.replace('\\"', '"')
-    assert len(text) > 2_000_000
-    assert cut_notes(written(tmp_path, text)) == []
-    (note,) = cut_notes(written(tmp_path, text.rstrip("\n").rsplit(",", 3)[0]))
-    assert note.values["line"] == 20_001 and note.values["rows"] == 19_999
-
-
 def test_lines_above_the_header_and_comments_are_left_out_and_noted(tmp_path):
     expected = written(tmp_path, text_of())
     for above in (

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from made.frames import NEEDED, RATE, signals, table
+from made.frames import NEEDED, signals, table
 from made.notes import texts
 
 from jgait import io
-from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit, split_unit, unit_of_columns
+from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit, unit_of_columns
 from jgait.types import RecordingError
 
 
@@ -117,17 +117,3 @@ def test_mixed_and_unknown_units_are_refused(names, message):
 )  # fmt: skip
 def test_spellings(spelt, known):
     assert known_unit(spelt) == known
-
-
-def test_words_that_are_no_unit_state_none():
-    assert split_unit("gyr_x_raw") == ("gyr_x_raw", None) and split_unit("acc_x_1") == ("acc_x_1", None)
-    assert unit_of_columns([f"Gyro (right) {axis}" for axis in "xyz"], "gyr", "walk") is None
-    assert unit_of_columns([f"Gyro (right) {axis} [dps]" for axis in "xyz"], "gyr", "walk") == "deg/s"
-
-
-def test_a_reading_of_999_mg_is_no_placeholder():
-    frame = stated("acc", "mg")
-    frame.loc[[50, 150], "thigh_right_acc_x [mg]"] = -999.0
-    recording = io.recording_from_dataframe(frame)
-    assert not any(note.code == "samples_masked" for note in recording.notes)
-    assert recording.sampling_rate_hz == pytest.approx(RATE)

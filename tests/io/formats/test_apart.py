@@ -129,16 +129,6 @@ def test_phyphox(tmp_path, options):
     assert "states no unit" not in str(texts(recording.notes)) and not of_code(recording.notes, "up_unsure")
 
 
-def test_two_clocks_are_joined(tmp_path):
-    time, gyr, _ = made_files.walk()
-    recording = io.read(phyphox(tmp_path / "walk", apart=0.007), placement="waist")
-    assert of_code(recording.notes, "times_corrected")
-    imu = recording.sensors["waist"]
-    assert len(imu.time) == len(time) - 1  # from the first sample of the gyroscope on
-    inner = slice(1, -1)
-    np.testing.assert_allclose(imu.gyr[inner], at(time, gyr, 0.007)[:-1][inner], atol=1e-6)
-
-
 @pytest.mark.parametrize("step", [1, 2])
 def test_metabase_also_with_two_rates(tmp_path, step):
     recording = io.read(metabase(tmp_path / "walk", step=step), placement="foot_right")

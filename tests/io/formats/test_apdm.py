@@ -79,15 +79,6 @@ def test_every_sample_of_every_sensor_comes_back(tmp_path, layout):
     assert "Opal's case" in up
 
 
-def test_files_without_labels_ask_for_placements(tmp_path):
-    for path in (write_new(tmp_path / "new.h5", label=False), write_old(tmp_path / "old.h5", lists=False)):
-        with pytest.raises(RecordingError, match="does not state where its sensors sat.*XI-000099"):
-            io.read(path)
-        recording = io.read(path, placements={"XI-000099": "foot_right"})
-        agrees(recording.sensors["foot_right"], "foot_right")
-        assert any("left out" in note and "XI-003210" in note for note in texts(recording.notes))
-
-
 @pytest.mark.parametrize(
     "changes, message",
     [

@@ -16,17 +16,6 @@ def named(folder):
     return path, pd.read_csv(path)
 
 
-@pytest.mark.parametrize("degrees", [True, False])
-def test_units_are_told_from_the_signals(tmp_path, degrees):
-    recording = io.read(made_files.named(tmp_path / "walk.csv", degrees=degrees))
-    assert made_files.check(recording).all()
-    unit = "deg/s" if degrees else "rad/s"
-    told = f"foot_right: the file states no unit of angular rate; {unit}, for the 99th percentile is"
-    assert any(note.startswith(told) for note in texts(recording.notes))
-    assert any("no unit of acceleration; m/s^2" in note for note in texts(recording.notes))
-    assert any(note.startswith("time taken to be in s, because") for note in texts(recording.notes))
-
-
 @pytest.mark.parametrize("unit", ["", " (deg/s)"])
 def test_sensors_that_are_named_by_no_place_are_placed_by_the_caller(tmp_path, unit):
     path, table = named(tmp_path)
@@ -102,17 +91,6 @@ def test_sensors_of_files_with_dates_are_on_one_clock(tmp_path, form):
         assert dates == ([] if starts else ["2026-05-03 10:00:00.080"])
 
 
-def test_files_with_dates_that_have_nothing_in_common_are_refused(tmp_path):
-    dated(tmp_path, {"foot_left": 0})
-    dated(tmp_path, {"foot_right": 0}, "%Y-%m-04 %H:%M:%S.%f")
-    said = r"do not overlap: foot_right begins at 2026-05-04 10:00:00.000, foot_left ends at 2026-05-03 10:00:"
-    with pytest.raises(RecordingError, match=said):
-        io.read(tmp_path)
-    dated(tmp_path, {"foot_right": 0}, None)
-    with pytest.raises(RecordingError, match="the time of foot_left has dates, that of foot_right has none"):
-        io.read(tmp_path)
-
-
 def test_a_quiet_sensor_has_the_unit_of_the_others(tmp_path):
     path, table = named(tmp_path)
     for axis in "xyz":
@@ -173,20 +151,6 @@ def test_a_number_for_missing_samples_chooses_no_unit(tmp_path, number, share):
     table.to_csv(path, index=False)
     kept = made_files.check(io.read(path))
     assert list(np.flatnonzero(~kept)) == list(rows)
-
-
-def test_acceleration_without_gravity_has_no_unit_but_a_name(tmp_path):
-    """Renamed columns do not lead from one unit to the next."""
-    path, table = named(tmp_path)
-    names = [f"foot_right_acc_{axis}" for axis in "xyz"]
-    table[names] = 2.0 * np.sin(7.0 * table["time"].to_numpy()[:, None] + np.arange(3))
-    table.to_csv(path, index=False)
-    for read in (io.read, io.read_csv):
-        with pytest.raises(
-            RecordingError, match="gravity was taken off; record or export the specific force"
-        ) as caught:
-            read(path)
-        assert "_unit" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Parameters of strides under gaitmap's names, contacts, strides and bouts under mobgap's."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from made import tables as made_tables
 
@@ -81,10 +80,3 @@ def test_nobody_walks_and_nothing_is_known():
         io.to_mobgap(made_tables.estimate(start=None, end=None, final_contact=None), RATE)
     with pytest.raises(ValueError, match="sampling_rate_hz must be positive"):
         io.to_mobgap(estimate, 0.0)
-
-
-def test_they_can_be_written(tmp_path):
-    for name, table in io.to_mobgap(made_tables.estimate(), RATE)._asdict().items():
-        again = pd.read_parquet(io.write_table(table, tmp_path / f"{name}.parquet"))
-        assert list(again.columns)[: len(table.index.names)] == list(table.index.names)
-        assert len(again) == len(table)

@@ -66,25 +66,11 @@ def test_all_trials_and_all_devices(both):
     assert set(io.read_mobilised(both, trial="Test5/Trial2").sensors) == set(PLACES)
 
 
-def test_many_trials_are_listed_and_none_is_guessed(both):
-    with pytest.raises(RecordingError, match=r"has 2 trials; .*Test5/Trial1, TimeMeasure1/Test5/Trial2"):
-        io.read(both)
-    with pytest.raises(RecordingError, match="no trial 'Trial9'; its trials are TimeMeasure1/Test5/Trial1"):
-        io.read_mobilised(both, trial="Trial9")
-
-
 def test_trials_of_one_name_are_numbered(write):
     first, second = (np.array([(trial(SU={"LowerBack": sensor(place)}),)], [("Trial", object)]) for place in PLACES[:2])
     path = write({"T": {"Test5": {"Trial": np.concatenate([first, second])["Trial"]}, "Test6": {"A": trial(SU={})}}})
     assert io.mobilised_trials(path) == ("T/Test5/Trial(1)", "T/Test5/Trial(2)", "T/Test6/A")
     agrees(io.read_mobilised(path, trial="Trial(2)").sensors["lower_back"], PLACES[1])
-
-
-def test_a_variable_that_hides_another_is_refused(write):
-    one, other = (write({"T": {"A": trial(SU={"LowerBack": sensor(place)})}}, f"{place}.mat") for place in PLACES[:2])
-    one.write_bytes(one.read_bytes() + other.read_bytes()[128:])
-    with pytest.raises(RecordingError, match="has several variables 'data', one of which hides the rest"):
-        io.read_mobilised(one)
 
 
 def test_devices_that_start_apart_share_the_time_in_which_both_ran(write):

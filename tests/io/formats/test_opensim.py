@@ -72,20 +72,6 @@ def test_a_file_that_does_not_say_degrees_is_asked(tmp_path):
     np.testing.assert_allclose(io.read_opensim(path, degrees=True).columns["knee_angle_r"], 0.001 * T, atol=1e-10)
 
 
-def test_files_as_old_programs_and_spreadsheets_leave_them(tmp_path):
-    """SIMM's header beside OpenSim's, forces of the same name, tabs behind every line, rows of nothing but tabs."""
-    path = write(
-        tmp_path / "old.mot", columns(), degrees="", header=("nRows=201", "nColumns={n}", "# SIMM", "range 0 2")
-    )
-    text = path.read_text().replace("pelvis_ty", "ground_force_vx").replace("ground_force_vy", "ground_force_vx")
-    path.write_text(text.replace("\n", "\t\t\t\n") + "\t\t\t\n" * 5)
-    motion = io.read_opensim(path)
-    np.testing.assert_allclose(motion.columns["ground_force_vx"], HEIGHT, atol=1e-10)
-    assert (motion.columns["ground_force_vx#2"] == 700.0).all()
-    np.testing.assert_allclose(io.opensim_reference(motion).legs.right.hip_angle, HIP["r"], atol=1e-10)
-    assert "names that stand for several signals got numbers: ground_force_vx" in texts(motion.notes)
-
-
 def test_a_sign_that_cannot_be_told_is_asked_for(tmp_path):
     bent = columns() | {"knee_angle_r": KNEE["r"] - 0.5, "knee_angle_l": KNEE["l"] - 0.5}
     motion = io.read_opensim(write(tmp_path / "both.mot", bent))
