@@ -17,9 +17,7 @@ SHORTEST_STEP_S, SHORTEST_USUAL_S = 1e-4, 5e-4
 """[s], [s] Shortest sample time, and the shortest for which a unit is deduced: a clock of 32768 Hz makes steps of some
 hundred ticks, which would be 3000 Hz in us."""
 
-LATEST = 5.0
-"""[samples] Largest step backwards that the jitter of times explains; chosen, a few times the sample time."""
-
+LATEST = 5.0  # [samples] largest step backwards that the jitter of times explains; chosen, a few times the sample time
 LONGEST_GAP_S = 10.0  # [s] longest gap that is filled
 MOST_INSERTED = 100  # [1] samples for each row of a file; with more, nothing of the recording is left
 BURST, PACKETS = 3.0, 0.02  # [1] mean step over the median, and share of longer steps, of stamps in bursts; chosen
@@ -35,14 +33,9 @@ BESIDE = 8
 """[rows] Number of rows before and after a step whose median lateness is compared: a sample is lost if all that follow
 are late. Chosen: few enough for several losses a second, enough for a jitter of half a sample."""
 
-STEADY = 64
-"""[rows] Number of rows over whose median a sensor's clock is followed where its stamps jitter: about a second."""
-
-COUNTER_TURN = 2**16
-"""[samples] Number at which Xsens' counters begin again."""
-
-RATE_OFF = 0.05
-"""[1] Largest relative difference of a sampling rate that is given from that of the time stamps; chosen."""
+STEADY = 64  # [rows] number of rows over whose median a sensor's clock is followed where its stamps jitter
+COUNTER_TURN = 2**16  # [samples] number at which Xsens' counters begin again
+RATE_OFF = 0.05  # [1] largest relative difference of a sampling rate that is given from that of the time stamps; chosen
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Unit of time → s."""

@@ -21,14 +21,9 @@ if TYPE_CHECKING:
 type Tree = dict[str, Any]
 """Nested dictionaries, as libraries for JSON, MATLAB and C3D files return them."""
 
-MOST_COLUMNS = 4096
-"""Largest number of columns of a table."""
-
-LONGEST_NAME = 300
-"""[characters] Longest name of a column."""
-
-LONGEST_LINE = 1_000_000
-"""[characters] Longest line of a table."""
+MOST_COLUMNS = 4096  # largest number of columns of a table
+LONGEST_NAME = 300  # [characters] longest name of a column
+LONGEST_LINE = 1_000_000  # [characters] longest line of a table
 
 MOST_BYTES = 4_000_000_000
 """[bytes] Largest content of a file, as its headers declare it: chosen, a day of seven sensors at 100 Hz has 2.9e9."""

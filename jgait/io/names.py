@@ -25,9 +25,7 @@ TIMES = re.compile(
 )
 """Words for the clock, perhaps with a unit."""
 
-NOT_RAW = ("free", "linear", "user", "filtered")
-"""Words for processed signals, for example acceleration without gravity."""
-
+NOT_RAW = ("free", "linear", "user", "filtered")  # words for processed signals, as acceleration without gravity
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
 """The columns of one sensor."""
 
@@ -86,9 +84,6 @@ CODES = {
 WORD = r"(?<![A-Za-z])[Ll][45](?!\d)|[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+"
 """The words of a column's name; the vertebrae are one word, other numbers words of their own."""
 
-VERTEBRAE = ("l4", "l5")
-"""Vertebrae by which the lower back is named ("L5 Gyr_X"), as whole words: "trial5" is none."""
-
 
 def placement_of(label: str) -> str | None:
     """The placement of a sensor from its name, such as "LowerBack" or "tibia_r_imu"; None where the name has none."""
@@ -104,7 +99,7 @@ def placement_of(label: str) -> str | None:
     sides |= {SIDE_OF[side] for match in words for side in match.group("before", "after") if side}
     if not words and tokens and tokens[-1] in CODES:
         return CODES[tokens[-1]]
-    if not words and any(token in VERTEBRAE for token in tokens):
+    if not words and any(token in ("l4", "l5") for token in tokens):  # vertebrae, as whole words: "trial5" is none
         return "lower_back"
     if not words or len(sides) > 1:
         return None
@@ -163,13 +158,9 @@ def column_of(name: str) -> str | None:
 def sensor_of(name: str) -> tuple[str, str] | None:
     """The lab's name of a sensor and the channel of a column: ("IMU1", "gyr_x") of "IMU1_gyr_x"; None for others."""
     plain = _plain(name)
-    matches = list(re.finditer(WORD, plain))
-    words = [match[0].lower() for match in matches]
-    channel, rest = _signal(words) or ("", None)
-    begin = next((i for i in range(len(words)) if rest and words[i : i + len(rest)] == rest), None)
-    if begin is None or not rest:
-        return None
-    return plain[matches[begin].start() : matches[begin + len(rest) - 1].end()], channel
+    channel, rest = _signal([word.lower() for word in re.findall(WORD, plain)]) or ("", None)
+    label = rest and re.search(r"[\W_]*".join(map(re.escape, rest)), plain, re.IGNORECASE)
+    return (label[0], channel) if label else None
 
 
 def like_a_signal(name: str) -> bool:

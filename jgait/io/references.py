@@ -45,16 +45,9 @@ SAMPLES = ("distance_m", *(
 ))  # fmt: skip
 """Columns of a table of samples that are read, beside `time_s` and `valid`."""
 
-FARTHEST = 2.0
-"""[1] Largest distance to a sample of the table, in its median interval, at which the reference is valid."""
-
-
-AT_ENDS = 0.25
-"""[s] Length of the standing at both ends of a recording, where the distance is 0 and the whole distance."""
-
-SLOWEST_S = 0.5
-"""[s] Longest median interval of the samples of a reference."""
-
+FARTHEST = 2.0  # [1] largest distance to a sample, in their median interval, at which the reference is valid
+AT_ENDS = 0.25  # [s] standing at both ends of a recording, where the distance is 0 and the whole distance
+SLOWEST_S = 0.5  # [s] longest median interval of the samples of a reference
 LONGEST_STRIDE, LONGEST_STRIDE_S, FASTEST = 4.0, 10.0, 12.0
 """[m], [s], [m/s] A median stride above one of these, or a mean speed, is in another unit."""
 
@@ -69,8 +62,7 @@ STEPS = 0.6
 """[1] Ratio of the strides' lengths to the distance in the same time below which they are steps, whose ratio is 0.5. In
 public references with both it is 0.99 to 1.25."""
 
-MISSPELT_SIMILARITY = 0.85
-"""[1] Similarity of a column's name and a known one above which it is misspelt."""
+MISSPELT_SIMILARITY = 0.85  # [1] similarity of a column's name and a known one above which it is misspelt
 
 
 def reference_from_tables(

@@ -127,9 +127,6 @@ def measured_table(
         time_unit: unit of the times where their name states none; None: deduced from their steps.
         name: name of the recording.
         placed: True if the table does not state the placements, so that no note says which columns are which.
-
-    Raises:
-        RecordingError: if columns are missing or contain no numbers, or times have no order or unit.
     """
     if table.columns.nlevels > 1:
         raise RecordingError(

@@ -22,12 +22,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SEPARATORS = (",", ";", "\t")
-
-HEADER_WITHIN = 60
-"""[lines] Number of first lines that are searched for a header."""
-
-TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")
-"""Units of time in a row of units."""
+HEADER_WITHIN = 60  # [lines] number of first lines that are searched for a header
+TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")  # units of time in a row of units
 
 
 class Head(NamedTuple):

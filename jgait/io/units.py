@@ -25,14 +25,9 @@ SPELT = {
 }
 """Unit → other ways to write it, as `_plain` leaves them."""
 
-LIKE_A_UNIT = r"\S+/s\d?|lsb|rpm"
-"""Pattern of what is a unit, known or not, in the brackets of a column's name, as `_plain` leaves it."""
-
-IN_BRACKETS = r"[(\[{]((?:[^()\[\]{}]|\([^()]*\))*)[)\]}]"
-"""Pattern of brackets, which may hold one pair of parentheses: "[m/(s^2)]"."""
-
-BEHIND_AXIS = r"(?<=[xyzXYZ])[\s_.-]+([^\s_.xyzXYZ-].*?)\s*$"
-"""Pattern of a unit behind the axis, without brackets: "gyr_x_dps", "acc_x_m_s2"."""
+LIKE_A_UNIT = r"\S+/s\d?|lsb|rpm"  # what is a unit, known or not, in brackets, as `_plain` leaves it
+IN_BRACKETS = r"[(\[{]((?:[^()\[\]{}]|\([^()]*\))*)[)\]}]"  # brackets with one pair of parentheses: "[m/(s^2)]"
+BEHIND_AXIS = r"(?<=[xyzXYZ])[\s_.-]+([^\s_.xyzXYZ-].*?)\s*$"  # a unit behind the axis: "gyr_x_dps", "acc_x_m_s2"
 
 STATES = {
     "argument": "given as {}",

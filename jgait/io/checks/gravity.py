@@ -41,12 +41,7 @@ class _Means(NamedTuple):
 
 def slow_gyroscope(placement: str, imu: Imu, rate_hz: float, unit: Unit | None) -> Note | None:
     """The note about a gyroscope of a leg that hardly turns while its accelerometer is shaken as in walking; or None.
-
-    Args:
-        placement: placement of the sensor.
-        imu: the sensor.
-        rate_hz: sampling rate [Hz].
-        unit: unit in which the gyroscope was read; the note names the header that states it.
+    If a header states its unit, the note names it.
     """
     segment, mask = placement.partition("_")[0], np.asarray(imu.mask)
     legs = segment in at.TILTED_DEG and segment not in at.TRUNK and imu.acc is not None
@@ -64,13 +59,8 @@ def slow_gyroscope(placement: str, imu: Imu, rate_hz: float, unit: Unit | None) 
 
 
 def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float) -> list[Note]:
-    """Notes about a sensor of legs or trunk whose gyroscope and accelerometer contradict each other.
-
-    Args:
-        placement: placement of the sensor.
-        imu: the sensor, short gaps of its gyroscope bridged.
-        lost: (T,) bool, samples in long gaps.
-        rate_hz: sampling rate [Hz].
+    """Notes about a sensor of legs or trunk whose gyroscope and accelerometer contradict each other; short gaps of its
+    gyroscope are bridged, `lost` (T,) are the samples in long ones.
     """
     segment, length = placement.partition("_")[0], min(len(imu.time), int(at.LONGEST_S * rate_hz))
     if segment not in at.TILTED_DEG or imu.acc is None or length < at.WINDOW_S * rate_hz:

@@ -27,9 +27,7 @@ ROWS_WRONG = Kind(
 
 
 def rows_wrong(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[SensorQuality, list[Note]]:
-    """The number of rows that are written twice, or of places where rows are missing, for every sensor; and the note
-    about it.
-    """
+    """For every sensor the number of rows written twice, or of places where rows are missing; and the note about it."""
     masks = [np.asarray(imu.mask, bool) for imu in sensors.values()]
     steps = len(masks[0]) - 1
     if len({len(mask) for mask in masks}) != 1 or steps < 10 * at.BESIDE_JUMP:

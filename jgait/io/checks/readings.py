@@ -282,11 +282,8 @@ def _clipped(values: np.ndarray, mask: np.ndarray, limit: float, step: float) ->
 
 
 def without_repeats(read: RangeReadings, imus: Mapping[str, Imu]) -> tuple[RangeReadings, tuple[Note, ...]]:
-    """A range between the feet with repeated readings masked, and the note about them.
-
-    Args:
-        read: the range, on the clock of `imus`.
-        imus: sensors by placement; without one at a foot, nothing is masked.
+    """A range between the feet, on the clock of the sensors, with repeated readings masked, and the note about them;
+    without a sensor at a foot, nothing is masked.
     """
     feet = [imus[f"foot_{side}"] for side in SIDES if f"foot_{side}" in imus]
     rows = np.flatnonzero(read.mask)

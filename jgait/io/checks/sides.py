@@ -64,14 +64,8 @@ def turn_notes(
     that it names; a straight walk shows nothing.
 
     Over a window of two strides the swing of the legs has no mean, and the mean specific force points up: the mean rate
-    about it is the person's, whatever the mounting.
-
-    Args:
-        sensors: sensors of one length, with accelerometers.
-        lost: placement → (T,) bool, samples in long gaps.
-        rate_hz: sampling rate [Hz].
-        accused: placements of sensors that contradict themselves; of two sensors without a third, the one among them
-            is named.
+    about it is the person's, whatever the mounting. `lost` are the samples (T,) in long gaps; of two sensors without a
+    third, the one that is `accused`, for it contradicts itself, is named.
     """
     samples = round(at.WINDOW_S * rate_hz)
     every, turns, rests = max(samples // 8, 1), {}, []

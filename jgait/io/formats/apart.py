@@ -48,14 +48,11 @@ UNCALIBRATED = r"uncalibrated|raw"
 APPLE = r"rotationrate|useracc|gyrorotation"
 """Pattern of the words for signals that only CoreMotion, and apps that write its values, have."""
 
-LOGGER = "Sensor Logger"
-"""The app whose acceleration has no gravity, unless it is called total, and has the signs of the phone's system."""
-
+LOGGER = "Sensor Logger"  # whose acceleration has no gravity, unless called total, and the signs of the phone's system
 APPS = {LOGGER: r"seconds_elapsed", "phyphox": r"\w+ \(s\)", "MetaBase": r"epoc \(ms\)"}
 """Program → pattern of the name of a column that it writes."""
 
-ADDRESS = re.compile(r"(?<![0-9A-F])[0-9A-F]{12}(?![0-9A-F])")
-"""Pattern of a device's address in the name of a file."""
+ADDRESS = re.compile(r"(?<![0-9A-F])[0-9A-F]{12}(?![0-9A-F])")  # of a device, in the name of a file
 
 
 class AxisColumns(NamedTuple):

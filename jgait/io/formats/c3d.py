@@ -38,14 +38,9 @@ EVENTS = {
     "foot strike": "initial_contact", "heel strike": "initial_contact", "initial contact": "initial_contact",
     "foot off": "final_contact", "toe off": "final_contact", "final contact": "final_contact",
 }  # fmt: skip
-BIG_ENDIAN = 86
-"""The processor of a file whose numbers begin with their most significant byte: MIPS; Intel is 84, DEC 85."""
-
-MOST_FRAMES = 65535
-"""Largest number of frames that the header of a file can hold."""
-
-PARAMETERS_END = 2**19
-"""[bytes] Largest possible end of the parameters: they begin within 255 blocks of 512 and have no more."""
+BIG_ENDIAN = 86  # processor of a file whose numbers begin with their most significant byte: MIPS; Intel 84, DEC 85
+MOST_FRAMES = 65535  # largest number of frames that the header of a file can hold
+PARAMETERS_END = 2**19  # [bytes] largest end of the parameters: they begin within 255 blocks of 512 and have no more
 
 
 UPRIGHT = {
@@ -65,10 +60,8 @@ HIGH = re.compile(
     re.IGNORECASE,
 )
 LOW = re.compile(r"^[LR]?_?(HEEL?|TOE|ANK|AJC|TIO|MT[15]|CAL|FCC|FM[125]|FAL|TAM)$", re.IGNORECASE)
-SURE = 0.8
-"""[1] Smallest share of the distance from feet to trunk along the vertical axis."""
-FLOOR = 0.15
-"""[m] Largest height above or below 0 of the lowest markers on a floor."""
+SURE = 0.8  # [1] smallest share of the distance from feet to trunk along the vertical axis
+FLOOR = 0.15  # [m] largest height above or below 0 of the lowest markers on a floor
 
 
 class CaptureEvent(NamedTuple):

@@ -27,20 +27,11 @@ if TYPE_CHECKING:
 
     from jgait.io.formats.part import Part
 
-CLOCKS_APART = 0.5
-"""[samples] Smallest difference between the time stamps of two sensors on different clocks."""
-
-SAME_RATE = 1e-3
-"""[1] Relative difference below which two sampling rates are equal."""
-
-SAME_SPEED = 0.05
-"""[1] Relative difference of sample times up to which the first of two clocks is kept; chosen."""
-
-SINCE_1970 = (1e9, 4e9)
-"""[s] Times that count from 1970: 2001 to 2096."""
-
-USUAL_RATE = 100.0
-"""[Hz] Assumed rate to compute the duration of a gap in packet numbers where the rate is not known."""
+CLOCKS_APART = 0.5  # [samples] smallest difference between the time stamps of two sensors on different clocks
+SAME_RATE = 1e-3  # [1] relative difference below which two sampling rates are equal
+SAME_SPEED = 0.05  # [1] relative difference of sample times up to which the first of two clocks is kept; chosen
+SINCE_1970 = (1e9, 4e9)  # [s] times that count from 1970: 2001 to 2096
+USUAL_RATE = 100.0  # [Hz] assumed rate for the duration of a gap in packet numbers where none is known
 
 
 def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:

@@ -55,13 +55,12 @@ def recording_from_gaitmap(
             state the frame: sensor (`acc_x`, …) or body (`acc_pa`, …), which is mirrored between the feet.
         sampling_rate_hz: of the data [Hz].
         placements: gaitmap's name of a sensor → its placement.
-        gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s', for data that are not in gaitmap's unit; None: deg/s.
-        acc_unit: 'm/s^2', 'g' or 'mg', likewise; None: m/s².
-        name: name of the recording in tables and figures.
+        gyr_unit: for data that are not in deg/s; this and the rest as `recording_from_arrays`.
+        acc_unit: for data that are not in m/s².
+        name: of the recording.
         subject: name of the person.
 
     Raises:
-        ValueError: for an unknown unit.
         RecordingError: if columns are missing, sensors cannot be placed, or the recording is unusable.
     """
     if isinstance(dataset, Mapping):
@@ -97,13 +96,12 @@ def recording_from_mobgap(
         table: `acc_x` … `gyr_z`, or `acc_is` … `gyr_pa`; m/s² and deg/s.
         sampling_rate_hz: of the data [Hz].
         placement: placement of the sensor.
-        gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s', for data that are not in mobgap's unit; None: deg/s.
-        acc_unit: 'm/s^2', 'g' or 'mg', likewise; None: m/s².
-        name: name of the recording in tables and figures.
+        gyr_unit: for data that are not in deg/s; this and the rest as `recording_from_arrays`.
+        acc_unit: for data that are not in m/s².
+        name: of the recording.
         subject: name of the person.
 
     Raises:
-        ValueError: for an unknown unit.
         RecordingError: if columns are missing, as in mobgap's global frames, or the recording is unusable.
     """
     part = mobgap_part(table, name)._replace(placement=placement)

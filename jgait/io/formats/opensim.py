@@ -22,15 +22,13 @@ from jgait.notes import DEDUCED, Note, record
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
 EXPECTED = "an OpenSim motion (.mot, .sto)"
-HEADER_LINES = 200
-"""[lines] Largest length of the header."""
+HEADER_LINES = 200  # [lines] largest length of the header
 NO_ANGLE = re.compile(
     r"_[tvp]?[0-9]*[xyz]$|force|torque|moment|activation|excitation|fiber|tendon|length|power|reserve|emg",
     re.IGNORECASE,
 )
 """Columns that are lengths, forces or states of muscles, whatever `inDegrees` states."""
-TURN = 2.0 * np.pi
-"""[rad] Largest angle of a leg; a larger number is in degrees."""
+TURN = 2.0 * np.pi  # [rad] largest angle of a leg; a larger number is in degrees
 BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
 """[rad] In walking, the largest knee flexion is above the first, and the largest hyperextension below the second."""
 

@@ -40,8 +40,8 @@ def settle(
         measured: what the reader found.
         placements: the file's name of a sensor → where it sat; sensors that are not named here are placed by their
             names, and left out, with a note, where at least one other could be placed.
-        gyr_unit: overrules the file.
-        acc_unit: overrules the file.
+        gyr_unit: overrules the file, as does acc_unit.
+        acc_unit: likewise.
         range_unit: unit of the range between the feet; None: deduced.
         sampling_rate_hz: [Hz] for files that do not state it.
         usual: "gyr", "acc" → unit where the file states none, as in tables of jgait's own columns; None: deduced.

@@ -22,12 +22,8 @@ from jgait.types import RecordingError
 if TYPE_CHECKING:
     import pandas as pd
 
-HEAD = 4096
-"""[bytes] Number of first bytes of a file that are read to recognise its format."""
-
-RAW = "lsb"
-"""Unit of numbers that are not calibrated."""
-
+HEAD = 4096  # [bytes] number of first bytes of a file that are read to recognise its format
+RAW = "lsb"  # unit of numbers that are not calibrated
 AXES = "as printed on the sensor's case"
 
 
