@@ -11,8 +11,6 @@ from jgait.io.atomic import check_path
 from jgait.io.clock import TIME_UNITS, check_order, count_samples, time_unit_deduced, unit_of_time, unwrapped
 from jgait.io.dates import dated, with_time
 from jgait.io.files import no_numbers, reading
-from jgait.io.formats.part import Measured, Part
-from jgait.io.formats.settle import settle
 from jgait.io.names import (
     CHANNELS,
     COUNTER,
@@ -25,6 +23,8 @@ from jgait.io.names import (
     recognised,
     unit_in_name,
 )
+from jgait.io.part import Measured, Part
+from jgait.io.settle import settle
 from jgait.io.text import read_table
 from jgait.io.units import unit_of_columns
 from jgait.notes import DATA_LOST, DEDUCED, LEFT_OUT, Kind, Note

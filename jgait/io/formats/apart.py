@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.checks.sizes import measures_gravity
+from jgait.io.clocks import clock_of
 from jgait.io.files import check_file
-from jgait.io.formats.clocks import clock_of
-from jgait.io.formats.part import UP_UNSURE, Measured, Part
 from jgait.io.formats.text import first_bytes
 from jgait.io.names import KINDS, placement_of
+from jgait.io.part import UP_UNSURE, Measured, Part
 from jgait.io.text import read_table, separator_of, split
 from jgait.io.units import unit_of_columns
 from jgait.notes import AS_READ, Note

@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jgait.io.files import check_columns, check_file, check_size, library, plain, positive, three_columns
-from jgait.io.formats.part import Measured, Part, on_one_zero
 from jgait.io.formats.text import read_rows
+from jgait.io.part import Measured, Part, on_one_zero
 from jgait.io.text import first_lines, head_of, split
 from jgait.notes import DEDUCED, Note
 from jgait.types import RecordingError

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
+from jgait.io.clocks import SAME_RATE
 from jgait.io.files import (
     Tree,
     check_columns,
@@ -31,9 +32,8 @@ from jgait.io.files import (
     no_numbers,
     positive,
 )
-from jgait.io.formats.clocks import SAME_RATE
-from jgait.io.formats.part import Measured, Part
 from jgait.io.names import placement_of
+from jgait.io.part import Measured, Part
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
 from jgait.notes import AS_READ, LEFT_OUT, Kind, Note
 from jgait.types import RecordingError

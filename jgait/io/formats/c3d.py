@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.files import Tree, check_file, check_size, library, numbered, plain, reading
-from jgait.io.formats.part import UP_UNSURE
+from jgait.io.part import UP_UNSURE
 from jgait.notes import DEDUCED, Note, record
 from jgait.types import RecordingError
 

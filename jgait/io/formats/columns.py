@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 from jgait.io.files import check_columns, check_file, check_size, library
 from jgait.io.formats.dialects import BODY_MOBGAP, gaitmap_parts, mobgap_part
-from jgait.io.formats.part import Measured, joined
 from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
+from jgait.io.part import Measured, joined
 from jgait.io.tables import measured_table
 from jgait.io.text import first_lines, header_at, read_table, separator_of, split
 from jgait.io.units import stated_unit

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from jgait.io.files import check_file, library
-from jgait.io.formats.part import Measured, Part
+from jgait.io.part import Measured, Part
 from jgait.types import RecordingError
 
 EXPECTED = "an Axivity CWA file"

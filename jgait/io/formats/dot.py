@@ -14,8 +14,8 @@ import re
 from pathlib import Path
 
 from jgait.io.formats.mtw import COUNTER, counted, is_header, signals, starts
-from jgait.io.formats.part import Measured, Part, joined
 from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.part import Measured, Part, joined
 from jgait.notes import DEDUCED
 from jgait.types import RecordingError
 

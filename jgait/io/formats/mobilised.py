@@ -24,11 +24,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait.io.clocks import CLOCKS_APART
 from jgait.io.files import Tree, check_file, check_size, library, positive, reading, three_columns
-from jgait.io.formats.clocks import CLOCKS_APART
-from jgait.io.formats.part import Measured, Part, on_one_zero
-from jgait.io.formats.settle import settle
 from jgait.io.names import placement_of
+from jgait.io.part import Measured, Part, on_one_zero
+from jgait.io.settle import settle
 from jgait.notes import AS_READ, LEFT_OUT, Note
 from jgait.types import Recording, RecordingError
 

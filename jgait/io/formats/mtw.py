@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from jgait.io.checks.sizes import BY_SIZE
-from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.io.names import COLUMNS, column_of
+from jgait.io.part import Measured, Part
 from jgait.notes import DEDUCED
 from jgait.types import RecordingError
 

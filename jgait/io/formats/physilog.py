@@ -11,8 +11,8 @@ not stated; a sensor is called by its file. *Axes*: the sensor's, printed on its
 
 import re
 
-from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.part import Measured, Part
 
 RATE = re.compile(r"gyro\w*\s*\[\s*([\d.]+)\s*hz\s*\]", re.IGNORECASE)
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from jgait.io.atomic import check_path
 from jgait.io.files import check_brand, check_regular, reading
-from jgait.io.formats.part import Measured, joined
-from jgait.io.formats.settle import settle
 from jgait.io.formats.text import first_bytes
+from jgait.io.part import Measured, joined
+from jgait.io.settle import settle
 from jgait.notes import AS_READ
 from jgait.types import Recording, RecordingError
 

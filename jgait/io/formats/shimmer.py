@@ -15,8 +15,8 @@ import re
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
-from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.part import Measured, Part
 from jgait.io.units import ACC_UNITS
 from jgait.notes import AS_READ, Note
 from jgait.types import RecordingError

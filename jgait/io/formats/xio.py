@@ -15,8 +15,8 @@ import re
 
 import numpy as np
 
-from jgait.io.formats.part import Measured, Part
 from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.part import Measured, Part
 from jgait.notes import DATA_LOST
 
 BY_DEVICE = ("inertial", "sensors")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jgait.io.formats.part import Measured, Part
+from jgait.io.part import Measured, Part
 
 
 def recognises(path: Path, head: bytes) -> bool:

@@ -25,7 +25,7 @@ from jgait.types import RecordingError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from jgait.io.formats.part import Part
+    from jgait.io.part import Part
 
 CLOCKS_APART = 0.5  # [samples] smallest difference between the time stamps of two sensors on different clocks
 SAME_RATE = 1e-3  # [1] relative difference below which two sampling rates are equal

@@ -14,9 +14,9 @@ from jgait.io.arrays import recording_in_units
 from jgait.io.checks.readings import placeholders_in
 from jgait.io.checks.sizes import BY_SIZE, NO_GRAVITY, are_counts, counts_without_unit, measures_gravity
 from jgait.io.clock import date_note
-from jgait.io.formats.clocks import on_one_counter, one_clock
-from jgait.io.formats.part import Measured, Part
+from jgait.io.clocks import on_one_counter, one_clock
 from jgait.io.names import placement_of
+from jgait.io.part import Measured, Part
 from jgait.io.units import Unit
 from jgait.notes import AS_READ, DEDUCED, LEFT_OUT, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError, as_float
