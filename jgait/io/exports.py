@@ -12,13 +12,6 @@ from jgait.types import SIDES, Estimate, as_float
 if TYPE_CHECKING:
     import pandas as pd
 
-GAITMAP_PARAMETERS = (
-    "stride_length", "gait_velocity", "ic_angle", "tc_angle", "turning_angle", "max_sensor_lift", "stride_time",
-    "swing_time", "stance_time",
-)  # fmt: skip
-"""Names of the parameters in gaitmap, in its order."""
-
-
 FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, DOUBTFUL)
 """Flags that keep a stride out of means, of all estimators; an estimate that lacks one is not marked by it."""
 
@@ -64,20 +57,22 @@ def to_gaitmap_parameters(estimate: Estimate, sampling_rate_hz: float) -> "dict[
 
     lists = to_gaitmap(estimate, sampling_rate_hz)
     table = strides_to_dataframe(estimate).set_index("s_id")
-    given = {
+    lift = None
+    if {"lift_m", "stride_height_m"} <= set(table):
+        # jgait's lift is above the higher foothold, gaitmap's above the first.
+        lift = table["lift_m"] + table["stride_height_m"].clip(lower=0.0)
+    given = {  # in gaitmap's order
         "stride_length": table.get("stride_length_m"),
         "gait_velocity": table.get("walking_speed_mps"),
         "ic_angle": table.get("contact_angle_deg"),
         "tc_angle": table.get("push_off_angle_deg"),
         "turning_angle": table.get("turn_deg"),
+        "max_sensor_lift": lift,
         "stride_time": table["end_s"] - table["start_s"],
         "swing_time": table["end_s"] - table["final_contact_s"],
         "stance_time": table["final_contact_s"] - table["start_s"],
     }
-    if "lift_m" in table and "stride_height_m" in table:
-        # jgait's lift is above the higher foothold, gaitmap's above the first.
-        given["max_sensor_lift"] = table["lift_m"] + table["stride_height_m"].clip(lower=0.0)
-    columns = {name: given[name] for name in GAITMAP_PARAMETERS if given.get(name) is not None}
+    columns = {name: values for name, values in given.items() if values is not None}
     whole = pd.DataFrame(columns, index=table.index)
     return {sensor: whole.loc[rows.index] for sensor, rows in lists.items()}
 

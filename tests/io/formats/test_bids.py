@@ -161,14 +161,3 @@ def test_malformed_files_are_named_with_what_was_expected(tmp_path, name):
     given = {"rows": rows, "about": {"SamplingFrequency": RATE}} | change(rows)
     with pytest.raises(RecordingError, match=message):
         bids.measured(write(tmp_path, given.pop("rows"), values, **given))
-
-
-def test_cells_and_files_that_are_lacking(tmp_path):
-    path = write(tmp_path, *table({"foot_left": "leftFoot"}), about={"SamplingFrequency": RATE})
-    text = path.read_text().splitlines()
-    path.write_text("\n".join([*text[:5], text[5].replace("\t", "\tlost\t", 1).rsplit("\t", 1)[0], *text[6:]]))
-    with pytest.raises(RecordingError, match="_motion.tsv: leftFoot_ACCEL_x holds 'lost' in row 5; expected a number"):
-        bids.measured(path)
-    path.with_name(f"{STEM}_channels.tsv").unlink()
-    with pytest.raises(RecordingError, match="needs .*_channels.tsv, which states what its columns are"):
-        bids.measured(path)

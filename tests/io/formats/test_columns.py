@@ -46,14 +46,6 @@ def test_numbers_of_samples_are_a_clock_if_the_rate_is_given(tmp_path, name):
         io.read(path)
 
 
-def test_time_in_minutes_or_hours_by_its_name(tmp_path):
-    path, table = named(tmp_path)
-    for name, seconds in (("time [min]", 60.0), ("Time (h)", 3600.0), ("time_h", 3600.0)):
-        table.rename(columns={"time": name}).assign(**{name: table["time"] / seconds}).to_csv(path, index=False)
-        made_files.check(io.read(path))
-        made_files.check(io.read_csv(path, time_unit="ms"))
-
-
 def test_one_sensor_a_file(tmp_path):
     for name in ("foot_right.csv", "Left Foot.csv"):
         made_files.named(tmp_path / name, prefix="", time=False)

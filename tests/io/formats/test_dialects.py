@@ -27,18 +27,6 @@ def test_gaitmaps_sensors():
     made_files.check(other, "shank_left")
 
 
-def test_what_gaitmap_data_must_have():
-    table = made_files.frame()
-    with pytest.raises(RecordingError, match="columns of two levels; found .*pass one sensor as"):
-        io.recording_from_gaitmap(table, 100.0)
-    with pytest.raises(RecordingError, match=r"w, right_sensor lacks gyr_z: expected columns .* found \['acc_x'"):
-        io.recording_from_gaitmap({"right_sensor": table.drop(columns="gyr_z")}, 100.0, name="w")
-    with pytest.raises(RecordingError, match=r"mirrored between the feet, and 'back' is not known to be of either"):
-        io.recording_from_gaitmap({"back": table.set_axis(GAITMAP, axis=1)}, 100.0)
-    with pytest.raises(RecordingError, match="does not state where its sensors sat"):
-        io.recording_from_gaitmap({"abc": table}, 100.0, placements={})
-
-
 def test_mobgaps_sensor():
     table = made_files.frame()
     recording = io.recording_from_mobgap(table, 100.0)
