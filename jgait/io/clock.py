@@ -75,11 +75,9 @@ def make_clock(
 
     Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
     that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted. Numbers of samples are a
-    clock if the rate is given. Of the few rows of one time the first is taken. Times that jitter become even.
-
-    Raises:
-        RecordingError: if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease,
-            are in none of these units, or contradict the sampling rate, or if the rate is too low for walking.
+    clock if the rate is given. Of the few rows of one time the first is taken. Times that jitter become even. Raises
+    RecordingError if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease, are
+    in none of these units, or contradict the sampling rate, or if the rate is too low for walking.
     """
     if samples < FEWEST_SAMPLES:
         raise RecordingError(f"{name} has {samples} samples; at least {FEWEST_SAMPLES} are needed")
@@ -144,10 +142,8 @@ def _rate_needed(text: str) -> RecordingError:
 
 
 def check_inserted(samples: int, rows: int, name: str) -> None:
-    """Refuse a recording that would consist of inserted samples.
-
-    Raises:
-        RecordingError: if there are more than `MOST_INSERTED` samples for each row.
+    """Refuse a recording that would consist of inserted samples. Raises RecordingError if there are more than
+    `MOST_INSERTED` samples for each row.
     """
     if samples > MOST_INSERTED * max(rows, FEWEST_SAMPLES):
         raise RecordingError(
@@ -182,9 +178,7 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
     """Refuse time stamps that are missing, decrease, or repeat the one before in more than the share `REPEATED`.
 
     A clock that stepped back is told from rows in disorder, which can be sorted: sorting mixes the rows of two times.
-
-    Raises:
-        RecordingError: with the number of the first such row.
+    Raises RecordingError with the number of the first such row.
     """
     lost = np.flatnonzero(~np.isfinite(stamps))
     if len(lost):
@@ -224,11 +218,9 @@ def _rows_a_second(steps: np.ndarray, stated: str | None) -> str:
 
 
 def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
-    """The unit of increasing time stamps (n,), n > 1: the stated one, or else the one that their steps suggest.
-
-    Raises:
-        RecordingError: for an unknown unit, for one in which no sensor samples, and for stamps that come in bursts, as
-            of packets, whose samples have the time at which the packet arrived, almost.
+    """The unit of increasing time stamps (n,), n > 1: the stated one, or else the one that their steps suggest. Raises
+    RecordingError for an unknown unit, for one in which no sensor samples, and for stamps that come in bursts, as of
+    packets, whose samples have the time at which the packet arrived, almost.
     """
     steps = np.diff(stamps)
     step = float(np.median(steps))

@@ -63,9 +63,7 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
 
     Where the counter wraps, sensors may begin on either side of it: each is shifted by whole turns to be nearest to the
     first. Parts without packets stay as they are. Notes get how many packets were lost, and which numbers occur twice.
-
-    Raises:
-        RecordingError: if packet numbers run backwards or repeat often, some parts have none, or a gap is too long.
+    Raises RecordingError if packet numbers run backwards or repeat often, some parts have none, or a gap is too long.
     """
     if all(part.packets is None for part in placed.values()):
         return placed
@@ -125,10 +123,8 @@ def one_clock(
 ) -> tuple[np.ndarray | None, float | None]:  # fmt: skip
     """Time (T,) [s] and rate [Hz] that all sensors share, at least one of them; notes are added.
 
-    Signals (T, 3) on clocks of their own are interpolated, in place, to the first of the fastest clocks.
-
-    Raises:
-        RecordingError: if there is neither, time does not increase, or clocks or lengths cannot be joined.
+    Signals (T, 3) on clocks of their own are interpolated, in place, to the first of the fastest clocks. Raises
+    RecordingError if there is neither, time does not increase, or clocks or lengths cannot be joined.
     """
     parts = list(placed.values())
     first = parts[0]

@@ -39,11 +39,9 @@ BRANDS = {
 
 @contextlib.contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Errors of a library in the block become a `RecordingError` with file, expected content and reason.
-
-    Raises:
-        RecordingError: for any error but those of a file that does not exist or may not be read, and of a library that
-            is not installed.
+    """Errors of a library in the block become a `RecordingError` with file, expected content and reason. Raises
+    RecordingError for any error but those of a file that does not exist or may not be read, and of a library that is
+    not installed.
     """
     try:
         yield
@@ -64,10 +62,8 @@ def numbered(names: Sequence[str], notes: list[Note]) -> list[str]:
 
 
 def check_columns(names: Sequence[str], name: str) -> None:
-    """Refuse a table with more columns, or with longer names of columns, than any recording has.
-
-    Raises:
-        RecordingError: with the number or the length.
+    """Refuse a table with more columns, or with longer names of columns, than any recording has. Raises RecordingError
+    with the number or the length.
     """
     if len(names) > MOST_COLUMNS:
         raise RecordingError(f"{name} has {len(names)} columns; expected at most {MOST_COLUMNS}")
@@ -78,9 +74,7 @@ def check_columns(names: Sequence[str], name: str) -> None:
 
 def check_size(declared: int, name: str) -> None:
     """Refuse content of more bytes than `MOST_BYTES`, as the file declares it, before a library makes room for it.
-
-    Raises:
-        RecordingError: with both numbers.
+    Raises RecordingError with both numbers.
     """
     if declared > MOST_BYTES:
         raise RecordingError(f"{name} declares a content of {declared} bytes; expected at most {MOST_BYTES}")
@@ -123,10 +117,8 @@ def check_brand(path: Path) -> None:
 
 
 def cells_in_lines(path: Path, separator: str) -> np.ndarray:
-    """(lines,) number of cells in each line of a text, 0 in an empty line; a separator in quotes separates none.
-
-    Raises:
-        RecordingError: if the file has a byte 0, or a line of more than `LONGEST_LINE` bytes.
+    """(lines,) number of cells in each line of a text, 0 in an empty line; a separator in quotes separates none. Raises
+    RecordingError if the file has a byte 0, or a line of more than `LONGEST_LINE` bytes.
     """
     every, cells, length, quotes = [], 0, 0, 0
     with path.open("rb") as stream:
@@ -209,10 +201,8 @@ def positive(*candidates: ArrayLike | None) -> float | None:
 
 
 def three_columns(values: ArrayLike, what: str, rows: int | None = None) -> np.ndarray:
-    """(T, 3) finite-or-NaN numbers of a file, with a required number of rows; messages name file and signal.
-
-    Raises:
-        RecordingError: for anything else.
+    """(T, 3) finite-or-NaN numbers of a file, with a required number of rows; messages name file and signal. Raises
+    RecordingError for anything else.
     """
     try:
         columns = np.asarray(values, np.float64)

@@ -152,9 +152,7 @@ def _units(
 
 def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list[Note]) -> dict[str, str]:
     """Sensor → unit of its sizes (T,), as those of the sensor with the largest decide: one system writes one unit.
-
-    Raises:
-        RecordingError: if they are those of none of the units, or of several.
+    Raises RecordingError if they are those of none of the units, or of several.
     """
     signal, what, share, limits, hint = BY_SIZE[kind]
     sizes = {

@@ -40,9 +40,7 @@ class Head(NamedTuple):
 
 def first_lines(path: Path, number: int = HEADER_WITHIN + 3) -> tuple[list[str], str]:
     """The first lines of a text, and its encoding: UTF-8, or Windows' Western code where these lines are no UTF-8.
-
-    Raises:
-        RecordingError: if a line is longer than `LONGEST_LINE`, or the file is no text.
+    Raises RecordingError if a line is longer than `LONGEST_LINE`, or the file is no text.
     """
     with path.open("rb") as stream:
         lines = [line for _ in range(number) if (line := stream.readline(LONGEST_LINE + 1))]

@@ -86,10 +86,8 @@ def unit_of_gravity(reading: float, limits: tuple[float, float]) -> str:
 
 
 def unit_of_columns(columns: Sequence[str], kind: str, name: str) -> str | None:
-    """The unit that the names of the three columns of a "gyr" or an "acc" state; None if they state none.
-
-    Raises:
-        RecordingError: if they state different units, one that is not known, or one of another signal.
+    """The unit that the names of the three columns of a "gyr" or an "acc" state; None if they state none. Raises
+    RecordingError if they state different units, one that is not known, or one of another signal.
     """
     stated = [stated_unit(column) for column in columns]
     if len({unit and (known_unit(unit) or unit) for unit in stated}) > 1:

@@ -74,11 +74,9 @@ class _Fault(NamedTuple):
 def usable_sensors(
     sensors: Mapping[str, Imu], units: Units, name: str
 ) -> tuple[dict[str, Imu], dict[str, SensorQuality]]:
-    """The sensors without those whose numbers cannot be right, and why each of these is left out.
-
-    Raises:
-        RecordingError: if no sensor has signals, or the sizes of most contradict their unit: a limb turns
-            impossibly fast, a moving person impossibly slowly, or the accelerometer does not measure gravity.
+    """The sensors without those whose numbers cannot be right, and why each of these is left out. Raises RecordingError
+    if no sensor has signals, or the sizes of most contradict their unit: a limb turns impossibly fast, a moving person
+    impossibly slowly, or the accelerometer does not measure gravity.
     """
     dead = {placement: words for placement, imu in sensors.items() if (words := _dead(imu))}
     if len(dead) == len(sensors):
@@ -226,10 +224,8 @@ def _advice(fault: _Fault, unit: Unit, others: Sequence[str]) -> str:
 
 
 def check_range(distance: AnyArray, unit: str, name: str) -> None:
-    """Refuse impossible distances between the feet (n,) [m] of a recording, given their stated unit.
-
-    Raises:
-        RecordingError: if a distance is not positive, or their median is outside `FEET_APART`.
+    """Refuse impossible distances between the feet (n,) [m] of a recording, given their stated unit. Raises
+    RecordingError if a distance is not positive, or their median is outside `FEET_APART`.
     """
     if not distance.size:
         return

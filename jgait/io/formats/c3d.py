@@ -187,11 +187,8 @@ def _load(file: Path) -> Tree:
 
 
 def _frames_in_header(file: Path) -> int | None:
-    """How many frames the header states; None where 16 bits do not hold it.
-
-    Raises:
-        RecordingError: if this is no C3D file, or its parameters are not there in full, of which ezc3d would seek the
-            end for ever.
+    """How many frames the header states; None where 16 bits do not hold it. Raises RecordingError if this is no C3D
+    file, or its parameters are not there in full, of which ezc3d would seek the end for ever.
     """
     with file.open("rb") as stream:
         content = stream.read(PARAMETERS_END)

@@ -47,10 +47,8 @@ def measured(path: Path) -> Measured:
 
 
 def signals(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
-    """Gyroscope and accelerometer, (T, 3) each, as the file has them.
-
-    Raises:
-        RecordingError: if one is not there; of acceleration without gravity, saying so.
+    """Gyroscope and accelerometer, (T, 3) each, as the file has them. Raises RecordingError if one is not there; of
+    acceleration without gravity, saying so.
     """
     if rows.where("Acc_X") is None:
         names = [column for column in rows.header if column.lower().startswith("freeacc")]
@@ -64,10 +62,8 @@ def signals(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
 
 
 def counted(rows: Rows, column: str, bits: int) -> np.ndarray | None:
-    """(T,) a counter, its wraps undone; None if the file has no such column, or nothing in it.
-
-    Raises:
-        RecordingError: if a row has none.
+    """(T,) a counter, its wraps undone; None if the file has no such column, or nothing in it. Raises RecordingError if
+    a row has none.
     """
     position = rows.where(column)
     values = rows.numbers(position) if position is not None else np.zeros(0)

@@ -55,10 +55,8 @@ class Rows(NamedTuple):
         return pd.to_numeric(raw, errors="coerce").to_numpy(np.float64, na_value=np.nan)
 
     def seconds(self, column: int, default: str) -> np.ndarray:
-        """(T,) a column of times in seconds; in the default unit where the file states none.
-
-        Raises:
-            RecordingError: for a unit other than those of `TIME_UNITS`.
+        """(T,) a column of times in seconds; in the default unit where the file states none. Raises RecordingError for
+        a unit other than those of `TIME_UNITS`.
         """
         unit = (self.units[column] if column < len(self.units) else "") or default
         if unit not in TIME_UNITS:
@@ -67,11 +65,8 @@ class Rows(NamedTuple):
         return TIME_UNITS[unit] * self.numbers(column)
 
     def signal(self, columns: Sequence[str]) -> tuple[np.ndarray, str | None]:
-        """(T, 3) of three columns, and the unit that the file states; None if it states none.
-
-        Raises:
-            RecordingError: if a column is not there (the message names it and those that are), or the unit is none that
-                is known.
+        """(T, 3) of three columns, and the unit that the file states; None if it states none. Raises RecordingError if
+        a column is not there (the message names it and those that are), or the unit is none that is known.
         """
         places = [place for column in columns if (place := self.where(column)) is not None]
         if len(places) < len(columns):
