@@ -137,9 +137,7 @@ def recording_in_units(
 
 def _asleep(placement: str, read: Mapping[str, np.ndarray]) -> tuple[Note, ...]:
     """The note about a gyroscope without readings where its accelerometer has some, as while it is switched off."""
-    if "acc" not in read:
-        return ()
-    alone = np.isfinite(read["acc"]).all(axis=1) & np.isnan(read["gyr"]).all(axis=1)
+    alone = np.isfinite(read["acc"]).all(axis=1) & np.isnan(read["gyr"]).all(axis=1) if "acc" in read else np.zeros(1)
     text = (
         "{placement}: in {share:.0%} of the samples the accelerometer has a reading and the gyroscope has none; they "
         "count as lost; if it was switched off to save power, `duty_cycled_gyro` fills its rate: `estimate` takes "

@@ -126,8 +126,11 @@ def cells_in_lines(path: Path, separator: str) -> np.ndarray:
             raw = np.frombuffer(block, np.uint8)
             if not raw.all():
                 raise RecordingError(f"{path.name} is no text file (it holds bytes 0); expected a table")
-            quoted = quotes + np.cumsum(raw == ord('"'))
-            marks = np.cumsum((raw == ord(separator)) & (quoted % 2 == 0))
+            is_mark, is_quote = raw == ord(separator), raw == ord('"')
+            if quotes or is_quote.any():
+                quoted = quotes + np.cumsum(is_quote)
+                is_mark, quotes = is_mark & (quoted % 2 == 0), int(quoted[-1]) % 2
+            marks = np.cumsum(is_mark, dtype=np.int32)
             ends = np.append(np.flatnonzero(raw == ord("\n")), len(raw) - 1)  # what follows the last is not whole
             lengths, counts = np.diff(ends, prepend=-1), np.diff(marks[ends], prepend=0)
             lengths[0], counts[0] = lengths[0] + length, counts[0] + cells
@@ -135,7 +138,7 @@ def cells_in_lines(path: Path, separator: str) -> np.ndarray:
                 raise RecordingError(f"{path.name} has a line of more than {LONGEST_LINE} characters; expected a table")
             empty = (lengths == 1) | ((lengths == 2) & (raw[ends - 1] == ord("\r")))
             every.append(np.where(empty, 0, counts + 1)[:-1])
-            length, cells, quotes = int(lengths[-1]), int(counts[-1]), int(quoted[-1])
+            length, cells = int(lengths[-1]), int(counts[-1])
     return np.concatenate([*every, [cells + 1] * (length > 0)]).astype(int)
 
 

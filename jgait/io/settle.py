@@ -85,44 +85,37 @@ def settle(
 
 def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: list[Note]) -> dict[str, Part]:
     """Placement → part; what is left out is noted."""
-    labels = [part.label for part in parts]
+    labels, known = [part.label for part in parts], ", ".join(PLACEMENTS)
     if not parts:
         raise RecordingError(f"{name} holds no inertial sensor")
-    unknown = [label for label in chosen if label not in labels]
-    if unknown:
-        raise RecordingError(
-            f"{name} has no sensor {unknown[0]!r} (named by {{argument}}); it has {labels}", argument="placements"
-        )
+    for label, where in chosen.items():
+        if label not in labels:
+            text = f"{name} has no sensor {label!r} (named by {{argument}}); it has {labels}"
+            raise RecordingError(text, argument="placements")
+        if where not in PLACEMENTS:
+            raise RecordingError(f"{name}: there is no placement {where!r}; known are {known}")
     placed: dict[str, Part] = {}
     nowhere: list[str] = []
     for part in parts:
         where = chosen.get(part.label) or part.placement or placement_of(part.label)
         if where is None or where not in PLACEMENTS:
-            if part.label in chosen:
-                raise RecordingError(f"{name}: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
             nowhere.append(part.label)
             continue
         if where in placed:
-            raise RecordingError(
-                f"{name}: the sensors {placed[where].label!r} and {part.label!r} both sat at {where}; state which "
-                "is which by {argument}",
-                argument="placements",
-            )
+            both = f"the sensors {placed[where].label!r} and {part.label!r} both sat at {where}"
+            raise RecordingError(f"{name}: {both}; state which is which by {{argument}}", argument="placements")
         if part.label != where:
             kind, sat = (AS_READ, "was stated to sit") if part.label in chosen else (DEDUCED, "is taken to have sat")
             notes.append(kind.note(f"the sensor {part.label!r} {sat} at {where}"))
         placed[where] = part
     if not placed:
         raise RecordingError(
-            f"{name} does not state where its sensors sat: pass {{argument}}; its "
-            f"sensors are {labels}, known placements {', '.join(PLACEMENTS)}",
-            argument="placements",
-            value={nowhere[0]: "shank_right"},
-        )
+            f"{name} does not state where its sensors sat: pass {{argument}}; its sensors are {labels}, known "
+            f"placements {known}", argument="placements", value={nowhere[0]: "shank_right"},
+        )  # fmt: skip
     if nowhere:
-        notes.append(
-            LEFT_OUT.note("left out: " + ", ".join(f"{label!r} (its place is not known)" for label in nowhere))
-        )
+        left = ", ".join(f"{label!r} (its place is not known)" for label in nowhere)
+        notes.append(LEFT_OUT.note(f"left out: {left}"))
     return placed
 
 
@@ -155,9 +148,7 @@ def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list
     Raises RecordingError if they are those of none of the units, or of several.
     """
     signal, what, share, limits, hint = BY_SIZE[kind]
-    sizes = {
-        where: float(np.percentile(magnitudes[np.isfinite(magnitudes)], share)) for where, magnitudes in values.items()
-    }
+    sizes = {where: float(np.nanpercentile(signals, share)) for where, signals in values.items()}
     if not sizes:
         return {}
     largest = max(sizes, key=lambda where: sizes[where])
@@ -177,14 +168,10 @@ def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list
 
 def _which_way_up(part: Part, where: str) -> list[Note]:
     """Which of the sensor's axes points up, from the accelerometer, and what is known of the axes."""
-    if part.acc is None:
-        return [AS_READ.note(f"axes {part.axes}", placement=where)] if part.axes else []
-    mean = np.nanmean(np.asarray(part.acc, np.float64), axis=0)
-    size = float(np.linalg.norm(mean))
-    if not size > 0.0:
-        return []
-    axis = int(np.argmax(np.abs(mean)))
-    share = float(mean[axis]) / size
-    name = f"{'-' if share < 0 else '+'}{'xyz'[axis]}"
-    stated = f"; axes {part.axes}" if part.axes else ""
-    return [AS_READ.note(f"the sensor's {name} points up ({abs(share):.2f} of gravity){stated}", placement=where)]
+    mean = np.zeros(3) if part.acc is None else np.nanmean(np.asarray(part.acc, np.float64), axis=0)
+    size, axis = float(np.linalg.norm(mean)), int(np.argmax(np.abs(mean)))
+    facts = [f"axes {part.axes}"] if part.axes and (part.acc is None or size > 0.0) else []
+    if size > 0.0:
+        name = f"{'-' if mean[axis] < 0 else '+'}{'xyz'[axis]}"
+        facts.insert(0, f"the sensor's {name} points up ({abs(mean[axis]) / size:.2f} of gravity)")
+    return [AS_READ.note("; ".join(facts), placement=where)] if facts else []

@@ -11,11 +11,13 @@ name. *Axes*: the sensor's, printed on its case.
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from jgait.io.formats.mtw import COUNTER, counted, is_header, signals, starts
 from jgait.io.formats.text import AXES, Rows, TextFormat
 from jgait.io.part import Measured, Part, joined
+from jgait.io.text import first_lines
 from jgait.notes import DEDUCED
 from jgait.types import RecordingError
 
@@ -29,7 +31,7 @@ def measured(path: Path) -> Measured:
     if not path.is_dir():
         return FORMAT.measured(path)
     files = FORMAT.files(path)
-    states = {file.name: _facts(FORMAT.read(file)).get("syncstatus", "") for file in files}
+    states = {file.name: _facts(first_lines(file)[0]).get("syncstatus", "") for file in files}
     for name, state in states.items() if len(files) > 1 else ():
         if UNSYNCED.match(state):
             why = "sensors of one recording need one clock"
@@ -43,14 +45,14 @@ def measured(path: Path) -> Measured:
     return whole
 
 
-def _facts(rows: Rows) -> dict[str, str]:
-    """What the lines above the header state: "devicetag" → "Right thigh"."""
-    matches = (FACT.match(line) for line in rows.before)
+def _facts(lines: Sequence[str]) -> dict[str, str]:
+    """What the first lines state: "devicetag" → "Right thigh"."""
+    matches = map(FACT.match, lines)
     return {fact.group(1).replace(" ", "").lower(): fact.group(2) for fact in matches if fact}
 
 
 def _content(rows: Rows) -> Measured:
-    facts = _facts(rows)
+    facts = _facts(rows.before)
     gyr, acc = signals(rows)
     stamps = counted(rows, TIME, TIME_BITS)
     stated = re.match(r"[\d.]+", facts.get("outputrate", ""))

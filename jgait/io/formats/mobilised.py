@@ -109,21 +109,17 @@ def _trials(path: Path) -> dict[str, Tree]:
     every = dict(_descend(data, ()))
     trials = {key: tree for key, tree in every.items() if any(isinstance(tree.get(device), dict) for device in DEVICES)}
     if not trials:
-        inside = ", ".join(data) if isinstance(data, dict) else f"{len(data)} structs"
-        there = f"; its trials without are {', '.join(every)}" if every else f"; 'data' has {inside or 'nothing'}"
-        raise RecordingError(f"{path.name} has no trial with a struct {', '.join(DEVICES)}{there}")
+        there = f"its trials without are {', '.join(every)}" if every else f"'data' has {', '.join(data) or 'nothing'}"
+        raise RecordingError(f"{path.name} has no trial with a struct {', '.join(DEVICES)}; {there}")
     return trials
 
 
 def _load(path: Path) -> PyTree:
     """The variable `data`."""
     with path.open("rb") as stream:
-        head = stream.read(16)
-    if head.startswith(HEADS[1]):
-        raise RecordingError(
-            f"{path.name} is a MATLAB file of version 7.3; expected version 5 to 7: in MATLAB, load it and "
-            "save(file, 'data', '-v7')"
-        )
+        if stream.read(16).startswith(HEADS[1]):
+            how = "in MATLAB, load it and save(file, 'data', '-v7')"
+            raise RecordingError(f"{path.name} is a MATLAB file of version 7.3; expected version 5 to 7: {how}")
     scipy_io = library("scipy.io", EXPECTED)
     check_size(_declared(path), path.name)
     try:
@@ -135,10 +131,8 @@ def _load(path: Path) -> PyTree:
     if any('Duplicate variable name "data"' in str(each.message) for each in caught):
         raise RecordingError(f"{path.name} has several variables 'data', one of which hides the rest; save each alone")
     if "data" not in content:
-        there = [key for key in content if not key.startswith("__")]
-        raise RecordingError(
-            f"{path.name} is not {EXPECTED}: it has no variable 'data', but {', '.join(there) or 'none'}"
-        )
+        there = ", ".join(key for key in content if not key.startswith("__")) or "none"
+        raise RecordingError(f"{path.name} is not {EXPECTED}: it has no variable 'data', but {there}")
     return content["data"]
 
 

@@ -300,7 +300,8 @@ def test_real_files_with_another_head():
 
 @pytest.mark.parametrize(
     ("name", "pattern", "placement", "skipped"),
-    [("tripod", "example_data/raw/*/*/PWS/IMU/RS.csv", "shank_right", 7), ("xio_gait", "short_walk.csv", "foot_right", 1)],
+    [("tripod", "example_data/raw/*/*/PWS/IMU/RS.csv", "shank_right", 7),
+     ("xio_gait", "short_walk.csv", "foot_right", 1)],
 )  # fmt: skip
 def test_real_files_in_degrees_and_g(name, pattern, placement, skipped):
     file = real(name, pattern)[0]
