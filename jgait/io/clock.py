@@ -86,11 +86,10 @@ def make_clock(
     if sampling_rate_hz is not None and sampling_rate_hz * LONGEST_STEP_S < 1.0:
         least = f"walking needs at least {1.0 / LONGEST_STEP_S:.2g} Hz"
         raise _rate_needed(f"{name}: {{argument}} is {sampling_rate_hz:.4g} Hz; {least}")
-    if time is None and sampling_rate_hz is None:
-        raise _rate_needed(
-            f"{name} has {samples} samples without time stamps, so {{argument}} is needed; it was not given"
-        )
     if time is None:
+        if sampling_rate_hz is None:
+            text = "samples without time stamps, so {argument} is needed; it was not given"
+            raise _rate_needed(f"{name} has {samples} {text}")
         return SampleTimes(np.arange(samples) / sampling_rate_hz, np.arange(samples), float(sampling_rate_hz), ())
     stamps, notes = as_float(time), list[Note]()
     if stamps.shape != (samples,):

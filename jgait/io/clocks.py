@@ -108,12 +108,11 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
             ends = f"packets at the ends that other sensors do not have left out: {(~kept).sum()}"
             notes.append(AS_READ.note(ends, placement=where))
         check_inserted(length, len(packets), f"{name}, {where}")
-        spread = {}
-        for kind, values in (("gyr", part.gyr), ("acc", part.acc)):
-            spread[kind] = None if values is None else np.full((length, 3), np.nan)
-            if values is not None:
-                spread[kind][packets[kept] - begin] = np.asarray(values, np.float64)[kept]
-        placed[where] = part._replace(**spread, time=None, packets=None)
+        spread = np.full((2, length, 3), np.nan)
+        for values, own in zip(spread, (part.gyr, part.acc), strict=True):
+            values[packets[kept] - begin] = np.nan if own is None else np.asarray(own, np.float64)[kept]
+        acc = None if part.acc is None else spread[1]
+        placed[where] = part._replace(gyr=spread[0], acc=acc, time=None, packets=None)
     return placed
 
 

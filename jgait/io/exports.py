@@ -121,9 +121,10 @@ def _contacts(estimate: Estimate, table: "pd.DataFrame", rate: float) -> "pd.Dat
     """Initial contacts in the estimate's diagnostics, or else those at the ends of its strides."""
     import pandas as pd
 
-    listed = [estimate.diagnostics.get(name) for name in ("initial_contact", "initial_contact_side")]
-    if not any(values is None for values in listed):
-        seconds, side = as_float(listed[0]), np.asarray(SIDES, dtype=object)[np.asarray(listed[1]).astype(int)]
+    listed = estimate.diagnostics
+    if {"initial_contact", "initial_contact_side"} <= set(listed):
+        seconds = as_float(listed["initial_contact"])
+        side = np.asarray(SIDES, dtype=object)[np.asarray(listed["initial_contact_side"]).astype(int)]
     else:
         seconds, side = table[["start_s", "end_s"]].to_numpy().T.ravel(), np.tile(table["side"].to_numpy(object), 2)
     contacts = pd.DataFrame({"ic": _samples(seconds, rate), "lr_label": side}).drop_duplicates()

@@ -173,13 +173,13 @@ def json_object(file: Path) -> Tree:
     return content
 
 
-def no_numbers(column: "pd.Series") -> "pd.Series":
-    """The cells of a column that are not empty and no numbers."""
+def numbers(column: "pd.Series") -> tuple[np.ndarray, "pd.Series"]:
+    """(T,) a column as floats, NaN in cells that are empty or no numbers, and the latter."""
     import pandas as pd
 
-    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiub":
-        return column[:0]
-    return column[pd.to_numeric(column, errors="coerce").isna() & column.notna()]
+    values = pd.to_numeric(column, errors="coerce")
+    plain = isinstance(column.dtype, np.dtype) and column.dtype.kind in "fiub"
+    return values.to_numpy(np.float64, na_value=np.nan), column[:0] if plain else column[values.isna() & column.notna()]
 
 
 def plain(value: object) -> str:

@@ -195,9 +195,9 @@ def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
                 spans = f"{start[first]:g} to {end[first]:g} s and {start[then]:g} to {end[then]:g} s"
                 why = "a row is twice in the table of strides, or has the wrong side"
                 raise RecordingError(f"strides of the {side} foot overlap, {spans}; {why}")
-    none = np.full(len(table), np.nan)
-    return Strides(**({"width": none, "height": none, "final_contact": None} | fields | times),
-                   side=sides.to_numpy(np.int64), valid=valid)  # fmt: skip
+    none, contact = np.full(len(table), np.nan), times.pop("final_contact", None)
+    return Strides(**{"width": none, "height": none, **fields, **times}, side=sides.to_numpy(np.int64),
+                   final_contact=contact, valid=valid)  # fmt: skip
 
 
 def _numbers(table: "pd.DataFrame", column: str) -> np.ndarray:

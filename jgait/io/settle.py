@@ -88,12 +88,12 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
     labels, known = [part.label for part in parts], ", ".join(PLACEMENTS)
     if not parts:
         raise RecordingError(f"{name} holds no inertial sensor")
-    for label, where in chosen.items():
+    for label, place in chosen.items():
         if label not in labels:
             text = f"{name} has no sensor {label!r} (named by {{argument}}); it has {labels}"
             raise RecordingError(text, argument="placements")
-        if where not in PLACEMENTS:
-            raise RecordingError(f"{name}: there is no placement {where!r}; known are {known}")
+        if place not in PLACEMENTS:
+            raise RecordingError(f"{name}: there is no placement {place!r}; known are {known}")
     placed: dict[str, Part] = {}
     nowhere: list[str] = []
     for part in parts:
@@ -123,7 +123,7 @@ def _units(
     placed: Mapping[str, Part], kind: str, chosen: str | None, usual: str | None, name: str, notes: list[Note]
 ) -> dict[str, Unit]:
     """Placement → unit of a signal: given, stated by the file, the usual one, or deduced from its size."""
-    units, unknown = {}, {}
+    units, unknown = dict[str, Unit](), dict[str, np.ndarray]()
     for where, part in placed.items():
         stated = part.gyr_unit if kind == "gyr" else part.acc_unit
         signal = np.zeros((0, 3)) if getattr(part, kind) is None else as_float(getattr(part, kind))

@@ -3,14 +3,14 @@
 import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from jgait.io.atomic import check_path
 from jgait.io.clock import TIME_UNITS, check_order, count_samples, time_unit_deduced, unit_of_time, unwrapped
 from jgait.io.dates import dated, with_time
-from jgait.io.files import no_numbers, reading
+from jgait.io.files import numbers, reading
 from jgait.io.names import (
     CHANNELS,
     COUNTER,
@@ -93,7 +93,7 @@ def recording_from_dataframe(
     units_of = [kind for kind, unit in given.items() if unit is None]
     content = measured_table(table, placement=placement, units_of=units_of, time_unit=time_unit, name=name)
     if sampling_rate_hz is None and all(part.time is None and part.packets is None for part in content.parts):
-        left_out = [text for note in content.notes for text in note.values.get("columns", ())]
+        left_out = [text for note in content.notes for text in cast(tuple[str, ...], note.values.get("columns", ()))]
         rest = f"; columns that are not of sensors: {', '.join(left_out)}" if left_out else ""
         index = table.index
         if index.name is None and index.dtype.kind == "f" and index.is_monotonic_increasing:
@@ -145,7 +145,7 @@ def measured_table(
     notes: list[Note] = []
     used = set[int]()
 
-    def numbers(column: str) -> np.ndarray:
+    def numbers_of(column: str) -> np.ndarray:
         index = position[column]
         used.add(index)
         return _numbers(table.iloc[:, index], given[index], name, notes)
@@ -155,7 +155,7 @@ def measured_table(
     for where, kinds in _placements(position, given, name).items():
         of = {kind: [f"{where}_{kind}_{axis}" for axis in "xyz"] for kind in kinds}
         sensors[where] = {
-            kind: np.stack([numbers(column) for column in columns], axis=1) for kind, columns in of.items()
+            kind: np.stack([numbers_of(column) for column in columns], axis=1) for kind, columns in of.items()
         }
         units[where] = {
             kind: unit_of_columns([given[position[column]] for column in columns], kind, name)
@@ -172,7 +172,7 @@ def measured_table(
         time, begin_s = dates
     elif "time" in position:
         unit = unit_in_name(given[position["time"]])
-        time, stated = numbers("time"), unit or time_unit
+        time, stated = numbers_of("time"), unit or time_unit
         if unit in LONG_UNITS:
             time, stated = time * LONG_UNITS[unit], "s"
         if stated is None and count_samples(time):
@@ -183,9 +183,9 @@ def measured_table(
             notes += [] if stated else [time_unit_deduced(unit, time)]
             time = TIME_UNITS[unit] * time
     elif COUNTER in position:
-        packets = unwrapped(numbers(COUNTER))
+        packets = unwrapped(numbers_of(COUNTER))
         used -= {position[COUNTER]} if packets is None else set()
-    feet_range = numbers("feet_range") if "feet_range" in position else None
+    feet_range = numbers_of("feet_range") if "feet_range" in position else None
     others = [column for index, column in enumerate(given) if index not in used]
     matched = [] if placed else [(given[index], renamed[index]) for index in sorted(used & set(ours))]
     parts = [
@@ -251,10 +251,7 @@ def _placements(position: Mapping[str, int], given: list[str], name: str) -> dic
 
 def _numbers(column: "pd.Series", label: str, name: str, notes: list[Note]) -> np.ndarray:
     """A column as floats; cells without a number become NaN, which is noted."""
-    import pandas as pd
-
-    values = pd.to_numeric(column, errors="coerce").to_numpy(np.float64, na_value=np.nan)
-    odd = no_numbers(column)
+    values, odd = numbers(column)
     if len(odd) and not np.isfinite(values).any():
         first = str(odd.iloc[0])
         hint = ": for decimal commas, separate the columns by semicolons" if "," in first else ""

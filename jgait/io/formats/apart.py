@@ -22,7 +22,7 @@ import numpy as np
 
 from jgait.io.checks.sizes import measures_gravity
 from jgait.io.clocks import clock_of
-from jgait.io.files import check_file
+from jgait.io.files import check_file, numbers
 from jgait.io.formats.text import first_bytes
 from jgait.io.names import KINDS, placement_of
 from jgait.io.part import UP_UNSURE, Measured, Part
@@ -198,11 +198,9 @@ def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:
     if turned:
         why = "the signs of the accelerometer are turned round, for the phone's system is iOS"
         notes.append(AS_READ.note(f"{label}: {why}"))
-    own = acc.file != gyr.file and acc.time is not None
     since = (acc.begin_s or 0.0) - (gyr.begin_s or 0.0)
-    return part._replace(
-        acc=-acc.values if turned else acc.values, acc_unit=acc.unit, acc_time=acc.time + since if own else None
-    )
+    own = None if acc.file == gyr.file or acc.time is None else acc.time + since
+    return part._replace(acc=-acc.values if turned else acc.values, acc_unit=acc.unit, acc_time=own)
 
 
 def _accelerometer(of: dict[str, list[Signal]], label: str, notes: list[Note]) -> Signal | None:
@@ -248,8 +246,6 @@ def _turned_round(folder: Path, every: Sequence[Signal]) -> bool:
 
 def _read(file: Path, notes: list[Note]) -> list[Signal]:
     """The signals of a file, in its units, on its clock."""
-    import pandas as pd
-
     table, of_table = read_table(file)
     notes += of_table
     time, begin_s = clock_of(table, file.name)
@@ -266,7 +262,6 @@ def _read(file: Path, notes: list[Note]) -> list[Signal]:
                 unit = "rad/s" if kind == "gyr" else None if "rotationrate" in _letters("".join(names)) else "m/s^2"
             elif any(re.search(APPLE, _letters(name)) for name in names):
                 unit = "rad/s" if kind == "gyr" else "g"
-        numbers = table[list(columns.names)].apply(pd.to_numeric, errors="coerce")
-        values = numbers.to_numpy(np.float64, na_value=np.nan)
+        values = np.stack([numbers(table[name])[0] for name in columns.names], axis=1)
         signals.append(Signal(columns, values, unit, time, begin_s, file, app))
     return signals

@@ -29,7 +29,7 @@ from jgait.io.files import (
     json_object,
     library,
     line_breaks,
-    no_numbers,
+    numbers,
     positive,
 )
 from jgait.io.names import placement_of
@@ -158,11 +158,13 @@ def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:
     if table.shape[1] != len(names):
         rows = f"{table.shape[1]} columns, its channels.tsv {len(names)} rows"
         raise RecordingError(f"{path.name} has {rows}; they must agree")
-    for name, (_, column) in zip(names, table.items(), strict=True):
-        if len(wrong := no_numbers(column)):
+    values = np.zeros(table.shape)
+    for k, name in enumerate(names):
+        values[:, k], wrong = numbers(table.iloc[:, k])
+        if len(wrong):
             cell = f"{wrong.iloc[0]!r} in row {wrong.index[0]}"
             raise RecordingError(f"{path.name}: {name} holds {cell}; expected a number")
-    return np.asarray(table.to_numpy(np.float64), np.float64)
+    return values
 
 
 def _signal(

@@ -9,7 +9,6 @@ Points that a model put beside the markers (angles, moments, powers) are kept ap
 are left as they are: their signals are among the analog ones, their corners and types in `force_plates`.
 """
 
-import itertools
 import math
 import os
 import re
@@ -321,12 +320,12 @@ def _events(parameters: Tree, file: Path) -> tuple[CaptureEvent, ...]:
         return ()
     if minutes.ndim != 2 or minutes.shape[0] != 2:
         raise RecordingError(f"{file.name}: EVENT:TIMES must be minutes and seconds, (2, n); it has {minutes.shape}")
-    labels, contexts = _texts(parameters, "EVENT", "LABELS"), _texts(parameters, "EVENT", "CONTEXTS")
-    rows = itertools.zip_longest(minutes.T, labels, contexts, fillvalue="")
+    count = minutes.shape[1]
+    labels, contexts = ([*_texts(parameters, "EVENT", key), *[""] * count][:count] for key in ("LABELS", "CONTEXTS"))
     events = [
         CaptureEvent(float(60.0 * time[0] + time[1]), EVENTS.get(label.lower(), label),
                      side.lower() if side.lower() in ("right", "left") else None)
-        for time, label, side in rows if len(time)
+        for time, label, side in zip(minutes.T, labels, contexts, strict=True)
     ]  # fmt: skip
     return tuple(sorted(events, key=lambda event: event.time))
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.files import check_columns, check_file, library, no_numbers, numbered, reading
+from jgait.io.files import check_columns, check_file, library, numbered, numbers, reading
 from jgait.io.text import first_lines
 from jgait.notes import DEDUCED, Note, record
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
@@ -192,8 +192,10 @@ def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) 
         table = pandas.read_csv(file, sep=r"\s+", skiprows=skipped, header=None, encoding="utf-8-sig")
     except (pandas.errors.ParserError, pandas.errors.EmptyDataError) as error:
         raise RecordingError(f"{file.name} has no rows, or not all of one length: {error}") from error
+    values = np.zeros(table.shape)
     for name, column in table.items():
-        if len(wrong := no_numbers(column)):
+        values[:, name], wrong = numbers(column)
+        if len(wrong):
             if any(str(cell).count(",") == 3 for cell in table.iloc[0]):
                 raise _refusal(file, "quaternion")
             cell = f"{wrong.iloc[0]!r} in row {wrong.index[0]}"
@@ -204,7 +206,6 @@ def _values(file: Path, skipped: int, names: list[str], header: dict[str, str]) 
             raise RecordingError(f"{file.name} is truncated: its header states {stated} {what}, {there} are there")
     if table.shape[1] != len(names):
         raise RecordingError(f"{file.name} names {len(names)} columns, and its rows have {table.shape[1]}")
-    values = np.asarray(table.to_numpy(np.float64), np.float64)
     if np.isnan(values[-1, -1]) and not np.isnan(values[:-1, -1]).any():
         raise RecordingError(f"{file.name} is truncated: its last row has {int(np.isfinite(values[-1]).sum())} values")
     return values

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import LONGEST_NAME, check_columns, check_file, no_numbers
+from jgait.io.files import LONGEST_NAME, check_columns, check_file, numbers
 from jgait.io.part import Measured, joined
 from jgait.io.text import HEADER_WITHIN, Head, first_lines, head_of, is_number, rows_of, separator_of, split
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
@@ -46,13 +46,11 @@ class Rows(NamedTuple):
 
     def numbers(self, column: int) -> np.ndarray:
         """(T,) a column as numbers, NaN where empty. Raises RecordingError for a cell that holds something else."""
-        import pandas as pd
-
-        raw = self.cells[column]
-        if len(wrong := no_numbers(raw)):
+        values, wrong = numbers(self.cells[column])
+        if len(wrong):
             where = f"line {self.first_line + wrong.index[0]}: column {self.header[column]!r}"
             raise RecordingError(f"{self.path.name}, {where} must hold numbers; found {wrong.iloc[0]!r}")
-        return pd.to_numeric(raw, errors="coerce").to_numpy(np.float64, na_value=np.nan)
+        return values
 
     def seconds(self, column: int, default: str) -> np.ndarray:
         """(T,) a column of times in seconds; in the default unit where the file states none. Raises RecordingError for
