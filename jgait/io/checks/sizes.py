@@ -86,16 +86,18 @@ def usable_sensors(
     faults = {
         placement: fault for placement, imu in left.items() if (fault := _fault(placement, imu, units[placement]))
     }
-    right = [placement for placement, imu in left.items()
-             if placement not in faults and SLOWEST_WALK < fast_rate(imu) < IN_RADIANS]  # fmt: skip
-    advice = {p: _advice(fault, units[p][fault.part[:3]], right) for p, fault in faults.items()}
-    if len(faults) > len(right):
-        worst = max(faults, key=lambda placement: fast_rate(left[placement]))
-        part, words, meant, _ = faults[worst]
-        raise RecordingError(
-            f"{name}: the {part} of {worst} {words}{advice[worst]}",
-            argument=f"{part[:3]}_unit" if meant and not right else "", value=meant,
-        )  # fmt: skip
+    right = [placement for placement in left if placement not in faults]
+    turning = [placement for placement in right if SLOWEST_WALK < fast_rate(left[placement]) < IN_RADIANS]
+    advice = dict[str, str]()
+    for part, others in (("gyroscope", turning), ("accelerometer", right)):
+        wrong = [placement for placement, fault in faults.items() if fault.part == part]
+        advice |= {placement: _advice(faults[placement], units[placement][part[:3]], others) for placement in wrong}
+        if len(wrong) > len(others):
+            worst = max(wrong, key=lambda placement: fast_rate(left[placement]))
+            raise RecordingError(
+                f"{name}: the {part} of {worst} {faults[worst].words}{advice[worst]}",
+                argument="" if others or not faults[worst].meant else f"{part[:3]}_unit", value=faults[worst].meant,
+            )  # fmt: skip
     left = {placement: imu for placement, imu in left.items() if placement not in faults}
     _check_moving(left, units, name)
     dead |= {placement: f"its {fault.part} {fault.words}{advice[placement]}" for placement, fault in faults.items()}
