@@ -56,7 +56,7 @@ def without_damage(
             there; None if the sensor is the only one.
     """
     signals = {kind: values.copy() for kind, values in signals.items()}
-    wrapped: list[Note] = []
+    wrapped, repeated = list[Note](), dict[str, list[str]]()
     held = np.all([~np.diff(values, axis=0).any(axis=1) for values in signals.values()], axis=0)
     held &= False if twice is None else ~twice
     with np.errstate(invalid="ignore"):
@@ -74,8 +74,9 @@ def without_damage(
                     signal = f"the {SIGNALS[kind][0]}" if axis is None else f"{kind}_{'xyz'[axis]}"
                     seconds = sum(end - start + 1 for start, end in runs) / rate_hz
                     first = f"for {seconds:.2f} s in all, first at {runs[0][0] / rate_hz:.2f} s"
-                    sentences.append(f"one reading of {signal} is repeated {first}; masked")
+                    repeated.setdefault(first, []).append(signal)
             sentences += jumps + (_between_new(kind, values, *slower, rate_hz) if slower is not None else [])
+    sentences += [f"one reading of {' and '.join(of)} is repeated {first}; masked" for first, of in repeated.items()]
     return signals, (*wrapped, *(MASKED.note(sentence, placement=placement) for sentence in sentences))
 
 
