@@ -52,10 +52,6 @@ TIMES_CORRECTED = Kind(
     "A sensor samples evenly. Rows that got the times at which they arrived were moved to even times, signals with "
     "clocks of their own to one clock; all times may be late by about the jitter.",
 )  # fmt: skip
-GAPS_FILLED = DATA_LOST._replace(
-    text="{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
-    "{inserted:sample|samples} inserted and masked", of_all=True,
-)  # fmt: skip
 
 
 class SampleTimes(NamedTuple):
@@ -312,6 +308,11 @@ def _fill_gaps(seconds: np.ndarray, counts: np.ndarray, name: str, notes: list[N
     check_inserted(int(position[-1]) + 1, len(seconds), name)
     rows = np.full(position[-1] + 1, -1)
     rows[position] = np.arange(len(seconds))
+    filled = (
+        "{gaps} {gaps:gap|gaps} in time, the longest {longest_s:.3g} s after {begin_s:.2f} s; {inserted} "
+        "{inserted:sample|samples} inserted and masked"
+    )
     many = {"gaps": (counts > 1).sum(), "inserted": (rows < 0).sum()}
-    notes.append(GAPS_FILLED(longest_s=gaps[longest], begin_s=seconds[longest], **many))
+    of_all = DATA_LOST._replace(of_all=True)
+    notes.append(of_all.note(filled, longest_s=gaps[longest], begin_s=seconds[longest], **many))
     return np.interp(np.arange(len(rows)), position, seconds), rows

@@ -12,8 +12,7 @@ from jgait.commands import jobs
 from jgait.estimators.about import About, EstimatedRecording
 from jgait.estimators.notes import STRIDES_UNCERTAIN
 from jgait.io.checks.readings import MASKED
-from jgait.io.clock import GAPS_FILLED
-from jgait.notes import without_repeats
+from jgait.notes import DATA_LOST, without_repeats
 from jgait.report import Made
 from jgait.types import Estimate, Legs, RecordingError, reason_of
 
@@ -162,7 +161,7 @@ def test_a_command_that_ends_in_a_compiled_program_points_to_the_cache(monkeypat
 def test_lost_samples_that_the_reader_noted_are_not_counted_again():
     lost, other = (STRIDES_UNCERTAIN(samples=3, placement=f"foot_{side}", longest_s=0.03) for side in ("left", "right"))
     masked = MASKED.note("values that no sensor reads: 3", placement="foot_left")
-    filled = GAPS_FILLED(gaps=1, longest_s=1.0, begin_s=2.0, inserted=3)
+    filled = DATA_LOST._replace(of_all=True).note("1 gap in time, the longest 1 s; 3 samples inserted and masked")
     assert without_repeats((lost, other)) == (lost, other)
     assert without_repeats((masked, lost, other, other)) == (masked, other)
     assert without_repeats((lost, other, filled)) == (filled,)

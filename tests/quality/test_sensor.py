@@ -34,10 +34,10 @@ def test_a_note_states_each_contradiction_once():
         "shank_right": SensorQuality(late=-0.1, faster=1.7), "foot_left": SensorQuality(step_share=0.3),
         "waist": SensorQuality(left_out="it has no usable sample", lost=9),
     }  # fmt: skip
-    assert [str(note).partition(":")[0] for note in notes.contradictions(quality)] == [
-        "shank_right turns 1.70 times as fast as shank_left",
-        "shank_right is 100 ms ahead of thigh_right; one of the two clocks is wrong",
-        "foot_left follows foot_right by 0.30 of a stride in place of a half",
+    assert [": ".join(str(note).split(": ")[:2]) for note in notes.contradictions(quality)] == [
+        "shank_right: it turns 1.70 times as fast as shank_left",
+        "shank_right: it is 100 ms ahead of thigh_right; one of the two clocks is wrong",
+        "foot_left: it follows foot_right by 0.30 of a stride in place of a half",
     ]
     assert [str(note) for note in notes.left_out(quality)] == ["waist is left out: it has no usable sample"]
     assert notes.contradictions({"foot_left": SOUND}) == notes.left_out({"foot_left": SOUND}) == []
