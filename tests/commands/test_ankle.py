@@ -108,7 +108,7 @@ def test_no_walking_is_an_empty_table(csv, tmp_path, words):
 def test_failures_are_written(tmp_path):
     code, _ = run(tmp_path / "none.csv", "--json", tmp_path / "numbers.json")
     failures = json.loads((tmp_path / "numbers.json").read_text())["failures"]
-    assert code == 2 and "No such file" in failures[str(tmp_path / "none.csv")]
+    assert code == 2 and "no such file" in failures[str(tmp_path / "none.csv")]
 
 
 def test_both_legs_have_a_row_and_a_colour():

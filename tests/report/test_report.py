@@ -444,7 +444,7 @@ def test_a_missing_measure_of_a_person_is_noted():
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("nowhere.csv",), "No such file"),
+        (("nowhere.csv",), "no such file"),
         (("{file}", "--out", "page.pdf"), "ends with .html; got 'page.pdf'"),
         (("{file}", "--option", "lever=0.1", "--paper"), "--option lever is an option of ankle_stride; got"),
         (("--simulated", "2", "--person", "p.json"), "--person is of one recording"),
