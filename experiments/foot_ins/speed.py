@@ -15,7 +15,6 @@ from experiments.foot_ins.run import QUICK, bucket, estimated, run_one, sets
 from jgait import filtering, simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import DEFAULT, FootOptions, FootParams
-from jgait.estimators.foot_ins.windows import single
 from jgait.estimators.interface import pad
 from jgait.simulate import sensors
 from jgait.types import Imu, Recording
@@ -37,6 +36,11 @@ def run_many(p: FootParams, inputs: Any, options: FootOptions) -> Any:
     """Strides and distance of stacked recordings."""
     found = jax.vmap(lambda one: foot_ins.run(p, one, options))(inputs)
     return found.strides, found.strides_stddev, found.distance, found.diagnostics
+
+
+def single(values: Any) -> Any:
+    """The same arrays on the host, real numbers in single precision."""
+    return jax.tree.map(lambda v: np.asarray(v, np.float32) if np.asarray(v).dtype == np.float64 else v, values)
 
 
 def timed(call: Callable[[], Any], repeats: int) -> tuple[float, float]:

@@ -145,8 +145,6 @@ class Estimator[P, I](NamedTuple):
         about: description of the estimator: measures, options, tables, figures, flags.
         per_stride: names of the diagnostics with an entry for each stride.
         finish: (estimate without padding, `Prepared`) → the estimate of one recording; on the host.
-        in_parts: (params, inputs, options) → the estimate of a long recording, computed in parts, or None for a
-            recording that is not long; on the host.
         unused: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so
             that its gradient is zero by construction.
         likelihood: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning; pure, `options`
@@ -163,7 +161,6 @@ class Estimator[P, I](NamedTuple):
     about: About = About()
     per_stride: tuple[str, ...] = ()
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
-    in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
     unused: tuple[str, ...] = ()
     likelihood: Callable[[P, I, PyTree], Values] | None = None
     through: bool = False
@@ -198,7 +195,9 @@ class Estimator[P, I](NamedTuple):
         check_recording(recording)
         check_params(p, self.transforms, self.params)
         prepared = self.prepared(recording)
-        return self.finished(self.computed(p, prepared), prepared)
+        with np.errstate(all="ignore"):
+            result = self.run(*self.arguments(p, prepared))
+        return self.finished(result, prepared)
 
     def prepared(self, recording: Recording) -> Prepared[I]:
         """The result of `prepare` for the walking of a recording alone, with the notes and facts of the reader."""
@@ -216,10 +215,13 @@ class Estimator[P, I](NamedTuple):
 
     def computed(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The result of `run` for the padded inputs of a prepared recording, on the host."""
-        p, inputs, options = on_host(p), on_host(prepared.inputs), prepared.options
         with np.errstate(all="ignore"):  # padding, and samples that are not valid
-            result = None if self.in_parts is None else self.in_parts(p, inputs, options)
-            return result or self.run(p, pad(inputs, bucket(len(inputs.time))), options)
+            return self.run(*self.arguments(p, prepared))
+
+    def arguments(self, p: P, prepared: Prepared[I]) -> tuple[P, I, PyTree]:
+        """The arguments of `run` for a prepared recording: padded, so that few programs are compiled, on the host."""
+        inputs = on_host(prepared.inputs)
+        return on_host(p), pad(inputs, bucket(len(inputs.time))), prepared.options
 
     def finished(self, result: Estimate, prepared: Prepared[I]) -> Estimate:
         """The result of `estimate`, from that of `computed`."""

@@ -12,14 +12,13 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jgait.filtering import posterior
-from jgait.filtering.batch import differentiable
 from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Numbers, Tree
 from jgait.filtering.inputs import Inputs, check_arguments, check_linear, check_values, inputs, known_false
 from jgait.filtering.methods import EKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
-from jgait.filtering.recorded import Recorded
+from jgait.filtering.recorded import Recorded, differentiable
 
 Execution = Literal["auto", "core", "fast"]
 """The computations of a filter; their results agree up to rounding.

@@ -18,7 +18,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from jgait.filtering.batch import replaced
 from jgait.filtering.linear import Linear, Matrices
 from jgait.filtering.scan import After, Belief, Sample, repeated, scanned, taken, without_skipped
 from jgait.filtering.step import (
@@ -30,6 +29,7 @@ from jgait.filtering.step import (
     predict,
     product,
     product_transposed,
+    replaced,
     symmetrised,
     transposed,
     where,

@@ -13,7 +13,7 @@ from scipy import stats
 
 from experiments.benchmark.core import foot, smoother
 from jgait import filtering
-from jgait.filtering import CKF, EKF, FIELDS, KF, UKF, Belief, Covariance, IteratedEKF, Model, batch
+from jgait.filtering import CKF, EKF, FIELDS, KF, UKF, Belief, Covariance, IteratedEKF, Model, recorded
 from jgait.filtering.inputs import inputs
 from jgait.filtering.posterior import Posterior
 from jgait.filtering.recorded import Recorded
@@ -239,7 +239,7 @@ def test_a_tight_zero_velocity_problem_in_float32(execution, standing):
 def test_a_gpu_computes_all_recordings_at_once(monkeypatch):
     problem, loops = foot(100, 20, jnp.float32), {}
     for on in ("cpu", "cuda"):
-        monkeypatch.setattr(batch, "backend", lambda on=on: on)
+        monkeypatch.setattr(recorded, "backend", lambda on=on: on)
         traced = jax.jit(lambda of: smoother(problem, of, problem.logs)).trace(problem.batch)
         loops[on] = traced.lower(lowering_platforms=(on,)).as_text().count("stablehlo.while")
     assert loops["cuda"] == loops["cpu"] - 1 >= 2  # forward and backward in time, without the loop over blocks

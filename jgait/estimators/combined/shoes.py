@@ -9,7 +9,7 @@ from jaxtyping import PyTree
 from jgait.estimators.combined.compare import FEWEST_COMPARED, OPPOSITE
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import SAME_CONTACT
-from jgait.estimators.foot_ins.attached import lean_notes
+from jgait.estimators.foot_ins.sensor import lean_notes
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.notes import Kind, Note
 from jgait.quality import SOUND

@@ -26,7 +26,7 @@ Deviations from the paper:
     3. Stances are found by a threshold that follows the stride, and by the velocity between rests, see
        `jgait.events.foot`.
     4. The filter assumes level ground only if `level` says so; otherwise the rises of all strides say where the ground
-       is level, see `jgait.estimators.foot_ins.ground`.
+       is level, see `jgait.estimators.foot_ins.readout`.
     5. Smoothing; `smooth=False` gives the filter.
     6. Standard deviations of stride lengths are the filter's times a factor from the innovations of the stride.
     7. With smoothing, the headings of two feet are kept from drifting apart, see `jgait.estimators.foot_ins.headings`;

@@ -22,7 +22,6 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jgait.estimators.foot_ins.windows import turned, yawed
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory
 
 DRIFT = 1.2e-3
@@ -121,10 +120,8 @@ def together(result: Estimate) -> Estimate:
 
     Ways, velocities, attitudes and turns change by the rates of `rates`, and so do deviations of the headings.
     """
-    feet, spread = _both(result.feet), _both(result.feet_stddev)
-    strides = result.strides
-    if feet is None or spread is None or strides is None:
-        return result
+    feet, spread, strides = _both(result.feet), _both(result.feet_stddev), result.strides
+    assert strides is not None
     time = np.asarray(result.time, np.float64)
     steps = [np.asarray(result.diagnostics[f"footholds_{side}"]) for side in SIDES]
     if min(len(stands) for stands in steps) < FEWEST_FOOTHOLDS:
@@ -150,16 +147,27 @@ def together(result: Estimate) -> Estimate:
     return result._replace(feet=feet_now, feet_stddev=spread_now, strides=strides_now)
 
 
-def _both(feet: Feet | None) -> list[FootTrajectory] | None:
-    """Right and left, as NumPy arrays in double precision; None if one is absent."""
-    if feet is None or feet.right is None or feet.left is None:
-        return None
-    return [FootTrajectory(*(np.asarray(part, np.float64) for part in foot)) for foot in (feet.right, feet.left)]
+def _both(feet: Feet | None) -> Feet:
+    """Right and left, as NumPy arrays in double precision."""
+    return jax.tree.map(lambda part: np.asarray(part, np.float64), feet)
 
 
 def _without(foot: FootTrajectory, angle: np.ndarray) -> FootTrajectory:
     """A trajectory from its start, turned back by an angle (T,) [rad]."""
-    position, velocity, orientation = (np.asarray(part) for part in foot)
+    position, velocity, orientation = foot
     return FootTrajectory(
         position[:1] + turned_way(position, -angle), turned(velocity, -angle), yawed(orientation, -angle)
     )
+
+
+def turned(v: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
+    """Vectors (…, 2 or 3) turned about the vertical, by one angle or one each [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1], *np.moveaxis(v, -1, 0)[2:]], axis=-1)
+
+
+def yawed(q: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
+    """Attitudes (…, 4) turned about the vertical, by one angle or one each [rad]."""
+    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    return np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)

@@ -88,7 +88,7 @@ class FootOptions(NamedTuple):
         smooth: Rauch–Tung–Striebel smoothing (offline).
         level: True: the filter assumes level ground; False: it assumes nothing about the ground; "auto": as False, but
             both footholds of a stride get one height in the trajectory where the rises of all strides say that the
-            ground is level, see `jgait.estimators.foot_ins.ground`. Strides keep their measured heights.
+            ground is level, see `jgait.estimators.foot_ins.readout`. Strides keep their measured heights.
         method: how the filter linearises, see `jgait.filtering`.
         soft: False: zero velocity is observed in stances alone. True: at every sample, with a variance that grows
             smoothly as the detector's statistic exceeds its threshold, so that a gradient reaches the decision; the

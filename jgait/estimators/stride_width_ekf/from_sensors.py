@@ -4,8 +4,8 @@ import numpy as np
 
 from jgait.estimators import foot_ins
 from jgait.estimators.checks import sensors_of
+from jgait.estimators.foot_ins.headings import turned, yawed
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
-from jgait.estimators.foot_ins.windows import turned, yawed
 from jgait.estimators.losses import not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.signal.windows import true_runs

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins import ground
+from jgait.estimators.foot_ins.readout import level_ground
 
 LEVEL, STAIRS_UP, STAIRS_DOWN, RAMP = (0.0, 1.3), (0.6, 0.56), (-0.6, 0.56), (0.09, 1.3)
 ROUTES = {
@@ -21,7 +21,7 @@ def route(parts, seed=0):
 
 
 def level(rise, length, valid=True):
-    return ground.level(rise, length, np.full_like(rise, 0.02), np.broadcast_to(valid, rise.shape))
+    return level_ground(rise, length, np.full_like(rise, 0.02), np.broadcast_to(valid, rise.shape))
 
 
 @pytest.mark.parametrize("parts", ROUTES.values(), ids=list(ROUTES))
@@ -45,7 +45,7 @@ def test_strides_that_do_not_count_do_not_decide_in_numpy_and_in_jax():
     valid = np.ones(rise.shape, bool)
     valid[[3, 4, 20]] = False
     more = np.where(valid, rise, 5.0)
-    host, traced = level(more, length, valid), jax.jit(ground.level)(more, length, np.full_like(rise, 0.02), valid)
+    host, traced = level(more, length, valid), jax.jit(level_ground)(more, length, np.full_like(rise, 0.02), valid)
     np.testing.assert_array_equal(host, traced)
     np.testing.assert_array_equal(host[valid], level(rise[valid], length[valid]))
     assert host[~valid].all()

@@ -1,6 +1,17 @@
-"""Sensors that move on the shoe: in later stances they lean otherwise than in the first ones.
+r"""What a foot's strides show of its sensor: the scale of its gyroscope, and whether it moves on the shoe.
 
-If from one time on each of both sensors leans as the other one did before, the sensors are exchanged.
+`gyroscope_scale` takes strides that begin and end at rest. With rates s ω, the specific force of a stride, in axes of
+its first foothold, integrates to the velocity v(s) at the next one. A foot that rests at both has v = 0; near s = 1,
+v ≈ v(1) + (s − 1) v′, and each stride gives
+
+    s = 1 − v(1)·v′ / v′·v′,
+
+the first of Newton's steps. What is left of v across v′ does not come from a scale; its share of v′ is how uncertain s
+is: feet of runners do not rest. A wrong interval between samples turns the foot by too much or too little as well: s is
+the scale of the rates times the interval.
+
+A sensor that has `moved` leans otherwise in later stances than in the first ones. If from one time on each of both
+sensors leans as the other one did before, the sensors are exchanged.
 """
 
 from collections.abc import Mapping
@@ -8,9 +19,79 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.geometry.rotation import Quaternion, conjugate, rotated
+from jgait.geometry.vectors import GRAVITY, as_array, vector
 from jgait.notes import Kind, Note
 from jgait.quality import SensorQuality
+from jgait.signal.strapdown import integrated
 from jgait.types import Strides, as_float
+
+SHORTEST_S, LONGEST_S = 0.5, 2.5
+"""[s] Limits of the strides that count."""
+
+FEWEST_STRIDES, MOST = 5, 200
+"""[1] Least number of strides, and largest number of those that are integrated, evenly spread over a longer walk."""
+
+MOST_BAD = 0.1
+"""[1] Largest share of a stride's samples that were not measured or are clipped; chosen."""
+
+OFF_FROM, SCALES = 2.5, 0.015
+"""[1] Least size of the logarithm of the scale over its deviation that is noted: of 52 undamaged feet of public sets
+none has more than 1.2 in walking and 2.2 in running; of 24 with a rate of 128 Hz stated as 100, 21 have more than 2.5;
+and usual deviation of the scale of a gyroscope."""
+
+STEP, NEWTON_STEPS, WITHIN = 0.05, 2, (0.3, 3.0)
+"""[1] Change of s over which v is differentiated, number of Newton's steps, and limits of s; chosen."""
+
+AROUND_S = 0.03
+"""[s] Half of the time about a foothold in which the specific force points up."""
+
+
+def gyroscope_scale(
+    gyr: np.ndarray, acc: np.ndarray, footholds: np.ndarray, bad: np.ndarray, hz: float
+) -> tuple[float, float] | None:
+    """Factor of the rates with which strides end at rest [1], and the deviation of its logarithm [1], medians over
+    strides; None if they cannot be computed.
+
+    Args:
+        gyr: (T, 3) [rad/s], without bias.
+        acc: (T, 3) [m/s²].
+        footholds: (n,) samples at which the foot rests.
+        bad: (T,) bool, samples that were not measured, or are clipped; strides with many do not count.
+        hz: sampling rate [Hz].
+    """
+    first, last = footholds[:-1], footholds[1:]
+    so_far = np.concatenate([[0], np.cumsum(bad)])
+    seconds = (last - first) / hz
+    good = so_far[last + 1] - so_far[first] <= MOST_BAD * (last - first)
+    counts = (seconds > SHORTEST_S) & (seconds < LONGEST_S) & good
+    if counts.sum() < FEWEST_STRIDES:
+        return None
+    at = np.flatnonzero(counts)
+    at = at[np.linspace(0.0, len(at) - 1.0, min(len(at), MOST)).round().astype(int)]
+    first, last, seconds = first[at], last[at], seconds[at]
+    width = max(round(AROUND_S * hz), 1)
+    up = np.stack([acc[max(at - width, 0) : at + width + 1].mean(axis=0) for at in first])
+    size = np.linalg.norm(up, axis=1, keepdims=True)
+    scale = 1.0
+    for _ in range(NEWTON_STEPS):
+        # the specific force in units of that at the foothold, which has no scale then
+        gained = [_gained(factor * gyr, acc, first, last, hz) / size for factor in (scale, scale + STEP)]
+        rest, other = (GRAVITY * (velocity - up / size * seconds[:, None]) for velocity in gained)
+        slope = (other - rest) / STEP
+        effect = np.maximum(np.sum(slope * slope, axis=1), 1e-9)
+        more = -np.sum(rest * slope, axis=1) / effect
+        across = np.linalg.norm(rest + more[:, None] * slope, axis=1) / np.sqrt(effect)
+        scale = float(np.clip(scale + np.median(more), *WITHIN))
+    return scale, float(np.hypot(SCALES, np.median(across) / scale))
+
+
+def _gained(gyr: np.ndarray, acc: np.ndarray, first: np.ndarray, last: np.ndarray, hz: float) -> np.ndarray:
+    """(n, 3) integral of the specific force from one sample to another, in axes of the first [m/s]."""
+    attitude, force = integrated(gyr, acc, hz)
+    back = conjugate(Quaternion(*(part[first] for part in attitude)))
+    return np.asarray(as_array(rotated(back, vector(force[last] - force[first]))))
+
 
 STANCES, OTHERWISE_DEG = 6, 20.0
 """Number of successive stances whose median direction of gravity is compared, and [deg] its largest difference from
