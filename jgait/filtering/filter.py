@@ -155,8 +155,8 @@ def kalman_filter(
         observations: observation tuple of arrays with the time axis in front; a masked component may be any finite
             number.
         dt: interval [s], scalar or (T,); dt[k] is the time from sample k−1 to k, so dt[0] = 0 puts the initial
-            belief at the first sample. At the end, samples with an interval of 0 and no measurement are padding:
-            they cost nothing, and their results are those of the last sample before them.
+            belief at the first sample. Samples at the end with an interval of 0 and no measurement are padding: they
+            do not change the results of others.
         controls: control tuple of arrays with the time axis in front, or None; entry k acts over the interval that
             ends at sample k.
         mask: observation tuple of (T,) bools, one (T,) bool for whole samples, or None. A leaf that is Python's False

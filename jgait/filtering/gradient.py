@@ -16,10 +16,11 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jax import lax
+from jaxtyping import Array, Bool
 
 from jgait.filtering.linear import Linear, Matrices
-from jgait.filtering.scan import After, Belief, Sample, repeated, scanned, taken, without_skipped
+from jgait.filtering.scan import After, Belief, Sample, taken
 from jgait.filtering.step import (
     applied,
     diagonal_matrix,
@@ -46,16 +47,14 @@ type Later = tuple[tuple[Array, ...], Named, Named]
 
 
 def filter_gradient(
-    linear: Linear, start: Belief, samples: Sample, busy: Int[Array, ""] | None, known: Named, ct: Named,
-    moving: Sequence[int],
-) -> list[Array]:  # fmt: skip
+    linear: Linear, start: Belief, samples: Sample, known: Named, ct: Named, moving: Sequence[int]
+) -> list[Array]:
     """Cotangents of the arguments `moving` of `Recorded`.
 
     Args:
         linear: the model.
         start: (x, δ, P) before the first sample.
         samples: the recording.
-        busy: number of samples without padding, see `scanned`.
         known: the outputs x, delta, cov, G and z of the filter's scan.
         ct: cotangents of outputs of the filter's scan.
         moving: numbers of the arguments.
@@ -63,7 +62,6 @@ def filter_gradient(
     count = len(linear.wide)
     constants, series = [i for i in moving if i < count], [i for i in moving if i > count + 1]
     places = [*constants, *(i - 2 for i in series)]  # without mean and covariance at the start
-    ct = {name: without_skipped(value, busy) for name, value in ct.items()}
     before = [jnp.concatenate([a[None], known[n][:-1]]) for a, n in zip(start, ("x", "delta", "cov"), strict=True)]
 
     def body(carry: tuple[Belief, list[Array]], item: Item) -> tuple[tuple[Belief, list[Array]], list[Array]]:
@@ -74,7 +72,7 @@ def filter_gradient(
     zero = jax.tree.map(jnp.zeros_like, start)
     none = [jnp.zeros((*linear.wide[i].shape[:-1], linear.lanes), linear.wide[i].dtype) for i in constants]
     items: Item = before, samples, {name: known[name] for name in ("G", "z")}, ct
-    (first, sums), series_ct = scanned(body, (zero, none), items, busy, reverse=True)
+    (first, sums), series_ct = lax.scan(body, (zero, none), items, reverse=True)
     gradients = dict(zip([*constants, *series], [*sums, *series_ct], strict=True))
     gradients |= {count: first[0], count + 1: first[2][: linear.size, : linear.size]}
     return [gradients[i] for i in moving]
@@ -169,9 +167,7 @@ def _updated(
     return A_ct, H_ct, e_ct, S_ct, prior_ct
 
 
-def smoother_gradient(
-    named: Named, chosen: tuple[int, ...], busy: Int[Array, ""] | None, ct: Named, lanes: int
-) -> Named:
+def smoother_gradient(named: Named, chosen: tuple[int, ...], ct: Named, lanes: int) -> Named:
     """Cotangents of the filter's outputs cov, M, J, G and z, by a scan forward over the samples."""
     if not ct:
         return {}
@@ -203,16 +199,8 @@ def smoother_gradient(
             back = back + ct["lam"]
         return (back, Lam_ct), {"cov": P_ct, "M": M_ct, "J": J_ct, "G": G_ct, "z": z_ct}
 
-    def unchanged(last: Named, part: Later) -> Named:
-        zero = jax.tree.map(jnp.zeros_like, repeated(last, part))
-        if "smoothed" not in part[2]:
-            return zero
-        ct, place = part[2]["smoothed"], jnp.asarray(chosen)
-        change = 0.5 * (ct + jnp.swapaxes(ct, 1, 2))
-        return zero | {"cov": zero["cov"].at[:, place[:, None], place[None]].add(change)}
-
     n, dtype = named["cov"].shape[1], named["cov"].dtype
     none = jnp.zeros((n, lanes), dtype), jnp.zeros((n, n, lanes) if second else (), dtype)
     later: Named = {name: named[name] for name in ("lam", "Lam") if name in named and (second or name == "lam")}
     parts = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
-    return scanned(body, none, (parts, later, ct), busy, skipped=unchanged)[1]
+    return lax.scan(body, none, (parts, later, ct))[1]

@@ -6,6 +6,7 @@ where they are concrete.
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -14,7 +15,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Scalar, Tree, names_of
+from jgait.filtering.covariance import Covariance, Layout, Numbers, Scalar, Tree, names_of
 from jgait.filtering.methods import KF, Method
 from jgait.filtering.model import Belief, Model, Shape, depends_on_place
 
@@ -25,7 +26,7 @@ class Inputs(NamedTuple):
     shape: Shape
     params: Tree
     mean: list[Scalar]  #: initial mean (k scalars).
-    cov: Entries  #: of the initial covariance.
+    cov: Covariance
     measured: list[Float[Array, "time"]]  #: the observed components that are ever measured.
     controls: list[Float[Array, "time"]]  #: components of the control.
     dt: Float[Array, "..."]  #: intervals [s], () or (T,).
@@ -38,14 +39,11 @@ class Inputs(NamedTuple):
 
     def arrays(self) -> list[Array]:
         """The arguments of `Recorded`, without a batch axis."""
-        size, length, dtype = self.shape.error.size, (self.length,), self.shape.dtype
-        cov = jnp.zeros((size, size), dtype)
-        if self.cov:
-            cov = Covariance.of(self.cov, self.shape.error).dense().astype(dtype)
+        length, dtype = (self.length,), self.shape.dtype
         return [
             *jax.tree.leaves(self.params),
-            jnp.stack([jnp.asarray(value, dtype) for value in self.mean]),
-            cov,
+            jnp.stack(self.shape.arrays(self.mean)),
+            self.cov.dense().astype(dtype),
             jnp.stack(self.measured, axis=-1),
             *(jnp.broadcast_to(leaf, length) for leaf in self.controls),
             jnp.broadcast_to(self.dt, length),
@@ -68,17 +66,25 @@ def inputs(
     mean = in_dtype(belief.mean, dtype)
     observed = observed_layout(model, params, mean, first, observations)
     visible, hidden = mask_components(mask, observed, length)
-    state = Layout.of(belief.mean)
-    shape = Shape(
-        model, jax.tree.structure(params), Layout.of(controls, axes=1), state, error_layout(model, state, dtype),
-        observed, tuple(i for i in range(observed.size) if i not in hidden), jnp.dtype(dtype),
-    )  # fmt: skip
+    shape = shape_of(model, params, controls, belief.mean, observed, dtype)
+    shape = replace(shape, measured=tuple(i for i in shape.measured if i not in hidden))
     measured = _series(in_dtype(observations, dtype), length)
     return Inputs(
-        shape, params, state.components(belief.mean, dtype, "the mean of a belief"),
+        shape, params, shape.state.components(belief.mean, dtype, "the mean of a belief"),
         shape.noise(belief.cov, shape.error, "the covariance of a belief"),
         [measured[i] for i in shape.measured], _series(controls, length), interval(dt, length, dtype),
         [visible[i] for i in shape.measured],
+    )  # fmt: skip
+
+
+def shape_of(
+    model: Model, params: Tree, controls: Tree, mean: Tree, observed: Layout, dtype: np.dtype[np.floating]
+) -> Shape:
+    """What is known of a model whose components are all measured; controls have the time axis in front."""
+    state = Layout.of(mean)
+    return Shape(
+        model, jax.tree.structure(params), Layout.of(controls, axes=1), state, error_layout(model, state, dtype),
+        observed, tuple(range(observed.size)), jnp.dtype(dtype),
     )  # fmt: skip
 
 

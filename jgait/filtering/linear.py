@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jgait.filtering.covariance import Covariance, Entries, Places, Tree, placed
+from jgait.filtering.covariance import Covariance, Places, Tree, placed
 from jgait.filtering.methods import CKF, UKF, Method
 from jgait.filtering.model import Shape
 from jgait.filtering.regression import regressed_observation, regressed_transition
@@ -85,9 +85,7 @@ class Linear:
 
         def noise(params: list[Array], x: list[Array], u: list[Array], dt: Array) -> list[Array]:
             covariance = shape.model.transition_noise(*self.unpacked(params, x, u), dt)
-            return distinct(
-                shape.noise(covariance, shape.error, "what transition_noise returns"), places=places, shape=shape
-            )
+            return distinct(shape.noise(covariance, shape.error, "what transition_noise returns"), places, shape)
 
         if isinstance(method := self.method, UKF | CKF):
 
@@ -146,10 +144,10 @@ class Linear:
         ) -> tuple[list[Array], list[Array]]:  # fmt: skip
             filled = [jnp.where(s, y, e) for s, y, e in zip(visible, measured, expected, strict=True)]
             covariance = shape.model.observation_noise(*self.unpacked(params, x, u))
-            entries = shape.noise(covariance, shape.observed, "what observation_noise returns")
+            spread = shape.noise(covariance, shape.observed, "what observation_noise returns")
             row = {place: i for i, place in enumerate(shape.measured)}
-            known = {(row[i], row[j]): v for (i, j), v in entries.items() if i in row and j in row}
-            return shape.residual(filled, expected), distinct(known, places=places, shape=shape)
+            known = {(row[i], row[j]): v for (i, j), v in spread.entries().items() if i in row and j in row}
+            return shape.residual(filled, expected), distinct(Covariance.of(known, spread.layout), places, shape)
 
         about = [jnp.zeros_like(x[0])] * self.size if at is None else list(at)[: self.size]
         shift: Array | float = 0.0
@@ -178,8 +176,9 @@ class Linear:
         return jnp.where(here[:, None], H, 0.0), R, jnp.where(here, e, 0.0)
 
 
-def distinct(entries: Entries, *, places: list[Places], shape: Shape) -> list[Array]:
+def distinct(noise: Covariance, places: list[Places], shape: Shape) -> list[Array]:
     """The distinct values of a noise matrix as arrays; `places` gets the rows and columns of each."""
-    noise = Covariance.of(entries, shape.error)
+    if noise.places is None:
+        noise = Covariance.of(noise.entries(), noise.layout)
     places[:] = noise.places or ()
     return shape.arrays(list(noise.values))

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree, PyTreeDef
 
-from jgait.filtering.covariance import Covariance, Entries, Layout, Scalar, Tree
+from jgait.filtering.covariance import Covariance, Layout, Scalar, Tree
 from jgait.notes import record
 
 
@@ -112,21 +112,16 @@ class Shape:
         every = self.arrays(self.observed.components(difference, self.dtype, "what residual returns"))
         return [every[i] for i in self.measured]
 
-    def noise(self, noise: Covariance | Tree, layout: Layout, what: str) -> Entries:
-        """The entries of a `Covariance`, or of a tuple of variances.
-
-        Raises:
-            ValueError: if it is of another type than expected.
-        """
+    def noise(self, noise: Covariance | Tree, layout: Layout, what: str) -> Covariance:
+        """A `Covariance`, or that of a tuple of variances; raises ValueError if it is of another type than expected."""
         if not isinstance(noise, Covariance):
             if jax.tree.structure(noise) != layout.structure:
                 layout.components(noise, self.dtype, f"{what}, where it is no Covariance,")  # raises
             noise = Covariance.from_variances(noise)
         try:
-            noise = noise.expanded(layout)
+            return noise.expanded(layout)
         except ValueError as error:
             raise ValueError(f"{what} must have {error}") from None
-        return noise.entries()
 
     def arrays(self, components: list[Scalar]) -> list[Array]:
         """Components as arrays of the dtype."""

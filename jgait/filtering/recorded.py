@@ -22,7 +22,7 @@ from jgait.filtering.gradient import filter_gradient, smoother_gradient
 from jgait.filtering.linear import Linear
 from jgait.filtering.methods import EKF, KF, Derivative, Method
 from jgait.filtering.model import Shape
-from jgait.filtering.scan import After, Belief, Sample, busy_samples, filter_step, nothing_after, scanned, smoother_scan
+from jgait.filtering.scan import After, Belief, Sample, filter_step, nothing_after, smoother_scan
 from jgait.filtering.step import real, replaced, widened, widest
 
 FOR_SMOOTHER = ("cov", "M", "J", "G", "z")
@@ -97,23 +97,21 @@ class Recorded:
         """The outputs without those that the gradient needs."""
         return [self.cut(name, value) for name, value in zip(self.keep, outputs, strict=False)]
 
-    def model(self, arguments: Sequence[Array], lanes: int) -> tuple[Linear, Belief, Sample, Array | None]:
-        """The model, (x, δ, P) before the first sample, the samples, and their number before the padding; None where
-        skipping it takes longer than computing it.
+    def model(self, arguments: Sequence[Array], lanes: int) -> tuple[Linear, Belief, Sample]:
+        """The model, (x, δ, P) before the first sample, and the samples.
 
         A single recording has matrices whose rows fill vector units, if that adds few: with 15 errors it takes half of
         the time with 16 rows. In a gradient all recordings have matrices of the same size.
         """
         count, controls, size = self.shape.params.num_leaves, self.shape.control.size, self.shape.error.size
         mean, cov, measured, *rest = arguments[count:]
-        samples, once = Sample(measured, tuple(rest[:controls]), *rest[controls:]), linearises_once(self.method)
+        samples = Sample(measured, tuple(rest[:controls]), *rest[controls:])
         alone = (lanes == 1 and not self.all) or (self.all and self.block == 1)
         width = -(-size // 8) * 8
-        width = width if alone and once and 10 * width <= 11 * size else size
+        width = width if alone and linearises_once(self.method) and 10 * width <= 11 * size else size
         cov = jnp.pad(widened(cov, lanes), ((0, width - size), (0, width - size), (0, 0)))
         linear = Linear(self.shape, arguments[:count], lanes, self.method, width)
-        busy = busy_samples(samples) if lanes == 1 and once else None
-        return linear, (widened(mean, lanes), jnp.zeros_like(cov[0]), cov), samples, busy
+        return linear, (widened(mean, lanes), jnp.zeros_like(cov[0]), cov), samples
 
     def cut(self, name: str, value: Array) -> Array:
         """An output without the rows and columns beyond the model's errors."""
@@ -123,36 +121,31 @@ class Recorded:
     def value(self, *arguments: Array) -> list[Array]:
         """The outputs, time axis in front and batch behind."""
         lanes = widest(arguments)
-        linear, begin, samples, busy = self.model(arguments, lanes)
-        ahead = [name for name in self.names if name not in BACK]
-        behind = [name for name in self.names if name in BACK]
+        linear, begin, samples = self.model(arguments, lanes)
+        ahead, behind = ([name for name in self.names if (name in BACK) == back] for back in (False, True))
         if self.smooth:
             ahead = list(dict.fromkeys((*ahead, *FOR_SMOOTHER)))
         after = nothing_after(linear.width, lanes, self.shape.dtype, bool(self.chosen))
 
-        def outputs_of(named: dict[str, Array], later: After, busy: Array | None) -> tuple[After, list[Array]]:
+        def outputs_of(named: dict[str, Array], later: After) -> tuple[After, list[Array]]:
             if self.smooth:
-                later, back = smoother_scan(named, self.chosen, later, behind, busy)
+                later, back = smoother_scan(named, self.chosen, later, behind)
                 named |= back
             return later, [named[name] if self.all else self.cut(name, named[name]) for name in self.names]
 
         length, step = len(samples.dt), filter_step(linear, ahead)
         if self.all or not self.smooth or length <= self.segment:
-            return outputs_of(scanned(step, begin, samples, busy)[1], after, busy)[1]
+            return outputs_of(lax.scan(step, begin, samples)[1], after)[1]
         # From the last segment to the first, each filtered again from the belief before it.
         count = -(-length // self.segment)
         missing = count * self.segment - length  # filled up with padding: no interval, nothing measured
         longer = jax.tree.map(lambda v: jnp.pad(v, [(0, missing), *[(0, 0)] * (v.ndim - 1)]), samples)
         parts = jax.tree.map(lambda v: v.reshape(count, self.segment, *v.shape[1:]), longer)
-        busy = jax.vmap(busy_samples)(parts) if busy is not None else None
-        begins = lax.scan(
-            lambda begin, part: (scanned(filter_step(linear, ()), begin, *part)[0], begin), begin, (parts, busy)
-        )[1]
+        begins = lax.scan(lambda begin, part: (lax.scan(filter_step(linear, ()), begin, part)[0], begin), begin, parts)[
+            1
+        ]
         outputs = lax.scan(
-            lambda later, part: outputs_of(scanned(step, *part)[1], later, part[2]),
-            after,
-            (begins, parts, busy),
-            reverse=True,
+            lambda later, part: outputs_of(lax.scan(step, *part)[1], later), after, (begins, parts), reverse=True
         )[1]
         return [v.reshape(-1, *v.shape[2:])[:length] for v in outputs]
 
@@ -170,7 +163,7 @@ class Recorded:
 
             pull = jax.vjp(of, *(widened(arguments[i], lanes) for i in moving))[1]
             return list(pull([widened(cotangents[k], lanes) for k in given]))
-        linear, begin, samples, busy = self.whole.model(arguments, lanes)
+        linear, begin, samples = self.whole.model(arguments, lanes)
         named = dict(zip(self.whole.names, outputs, strict=True))
         more = linear.width - linear.size
         given = {
@@ -179,9 +172,9 @@ class Recorded:
         }  # fmt: skip
         if self.smooth:
             later = {name: given.pop(name) for name in BACK if name in given}
-            for name, ct in smoother_gradient(named, self.chosen, busy, later, lanes).items():
+            for name, ct in smoother_gradient(named, self.chosen, later, lanes).items():
                 given[name] = given[name] + ct if name in given else ct
-        return filter_gradient(linear, begin, samples, busy, named, given, moving)
+        return filter_gradient(linear, begin, samples, named, given, moving)
 
 
 type _Function = Recorded | _Reverse | _Tangent

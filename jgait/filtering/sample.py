@@ -3,12 +3,11 @@
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.typing import DTypeLike
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
-from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Tree
-from jgait.filtering.inputs import common_dtype, error_layout
-from jgait.filtering.model import Model, Shape
+from jgait.filtering.covariance import Covariance, Layout, Numbers, Tree
+from jgait.filtering.inputs import common_dtype, shape_of
+from jgait.filtering.model import Model
 
 
 def draw(
@@ -35,47 +34,37 @@ def draw(
     belief = model.initial(params)
     first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)
     dtype = common_dtype(params, belief.mean, controls)
-    reading = model.observation(params, belief.mean, first)
-    state, observed = Layout.of(belief.mean), Layout.of(reading)
-    shape = Shape(
-        model, jax.tree.structure(params), Layout.of(controls, 1), state, error_layout(model, state, dtype), observed,
-        tuple(range(observed.size)), jnp.dtype(dtype),
-    )  # fmt: skip
+    observed = Layout.of(model.observation(params, belief.mean, first))
+    shape = shape_of(model, params, controls, belief.mean, observed, dtype)
+    state = shape.state
 
-    def moved(x: Array, cov: Covariance | Tree, layout: Layout, normal: Array, what: str) -> Array:
-        """The state (k,) with a random error."""
-        error = _shocks(_dense(shape.noise(cov, layout, what), layout, dtype), normal)
-        return jnp.stack(shape.retract(list(x), list(error)))
+    def components(tree: Tree, layout: Layout, what: str) -> list[Array]:
+        return shape.arrays(layout.components(tree, dtype, what))
 
-    begin, process, sensing = jax.random.split(key, 3)
-    mean = jnp.stack(shape.arrays(state.components(belief.mean, dtype, "the mean of a belief")))
-    normal = jax.random.normal(begin, (shape.error.size,), dtype)
-    start = moved(mean, belief.cov, shape.error, normal, "the covariance of a belief")
-    shocks = jax.random.normal(process, (samples, shape.error.size), dtype)
-    errors = jax.random.normal(sensing, (samples, observed.size), dtype)
-    interval = jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,))
+    def shocks(noise: Covariance | Tree, layout: Layout, normal: Array, what: str) -> Array:
+        """A draw with a covariance, which may be singular, from independent normal numbers (n,)."""
+        values, vectors = jnp.linalg.eigh(shape.noise(noise, layout, what).dense().astype(dtype))
+        return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ normal
 
     def body(x: Array, sample: tuple[Array, Array, Tree, Array]) -> tuple[Array, tuple[Array, Array]]:
         shock, error, control, step = sample
         now = state.split(x)
+        after = components(model.transition(params, now, control, step), state, "what transition returns")
         noise = model.transition_noise(params, now, control, step)
-        after = state.components(model.transition(params, now, control, step), dtype, "what transition returns")
-        x = moved(jnp.stack(shape.arrays(after)), noise, shape.error, shock, "what transition_noise returns")
+        x = jnp.stack(shape.retract(after, list(shocks(noise, shape.error, shock, "what transition_noise returns"))))
         now = state.split(x)
-        spread = shape.noise(model.observation_noise(params, now, control), observed, "what observation_noise returns")
-        error = _shocks(_dense(spread, observed, dtype), error)
-        reading = observed.components(model.observation(params, now, control), dtype, "what observation returns")
-        return x, (x, jnp.stack(shape.arrays(reading)) + error)
+        reading = jnp.stack(components(model.observation(params, now, control), observed, "what observation returns"))
+        noise = model.observation_noise(params, now, control)
+        return x, (x, reading + shocks(noise, observed, error, "what observation_noise returns"))
 
-    _, (states, observations) = lax.scan(body, start, (shocks, errors, controls, interval))
+    begin, process, sensing = jax.random.split(key, 3)
+    error = shocks(
+        belief.cov, shape.error, jax.random.normal(begin, (shape.error.size,), dtype), "the covariance of a belief"
+    )
+    start = jnp.stack(shape.retract(components(belief.mean, state, "the mean of a belief"), list(error)))
+    normal = [
+        jax.random.normal(k, (samples, of.size), dtype) for k, of in ((process, shape.error), (sensing, observed))
+    ]
+    series = (*normal, controls, jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,)))
+    _, (states, observations) = lax.scan(body, start, series)
     return state.split(states), observed.split(observations)
-
-
-def _shocks(cov: Array, normal: Array) -> Array:
-    """A draw with the covariance (n, n), which may be singular, from independent normal numbers (n,)."""
-    values, vectors = jnp.linalg.eigh(jnp.asarray(cov, normal.dtype))
-    return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ normal
-
-
-def _dense(entries: Entries, layout: Layout, dtype: DTypeLike) -> Array:
-    return Covariance.of(entries, layout).dense().astype(dtype)

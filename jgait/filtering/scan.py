@@ -18,11 +18,10 @@ F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.typing import DTypeLike
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from jgait.filtering.linear import Linear
 from jgait.filtering.step import (
@@ -38,9 +37,6 @@ from jgait.filtering.step import (
     update,
     where,
 )
-
-PART = 128
-"""[samples] Largest length of the parts in which padding is skipped."""
 
 
 class Sample(NamedTuple):
@@ -60,7 +56,7 @@ type After = tuple[Float[Array, "n B"], Float[Array, "..."]]
 
 
 def filter_step(linear: Linear, keep: Sequence[str]) -> Callable[[Belief, Sample], tuple[Belief, dict[str, Array]]]:
-    """Predict and update at a sample, for `scanned`; the belief after it, and the outputs `keep`.
+    """Predict and update at a sample, for `lax.scan`; the belief after it, and the outputs `keep`.
 
     x, delta, cov    the belief after the sample
     prior            P⁻, of errors about x
@@ -110,7 +106,7 @@ def updated(linear: Linear, x: Array, prior: Array, sample: Sample, finite: Arra
 
 
 def smoother_scan(
-    named: dict[str, Array], chosen: tuple[int, ...], start: After, keep: Sequence[str], busy: Int[Array, ""] | None
+    named: dict[str, Array], chosen: tuple[int, ...], start: After, keep: Sequence[str]
 ) -> tuple[After, dict[str, Array]]:
     """From the last sample to the first; λ and Λ before the first sample, and the outputs `keep`.
 
@@ -135,16 +131,8 @@ def smoother_scan(
         lam = applied(transposed(M), lam) - applied(transposed(J), z)
         return (lam, Lam), {name: outputs[name] for name in keep}
 
-    def unchanged(last: dict[str, Array], part: tuple[Array, ...]) -> dict[str, Array]:
-        """The outputs where no later sample tells anything."""
-        outputs = jax.tree.map(jnp.zeros_like, repeated(last, part))
-        if chosen:
-            rows = jnp.asarray(chosen)
-            outputs["smoothed"] = part[0][:, rows[:, None], rows[None]]
-        return outputs
-
     known = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
-    return scanned(body, start, known, busy, reverse=True, skipped=unchanged)
+    return lax.scan(body, start, known, reverse=True)
 
 
 def nothing_after(size: int, lanes: int, dtype: DTypeLike, covariances: bool) -> After:
@@ -157,66 +145,3 @@ def taken(matrix: Array, rows: tuple[int, ...]) -> Array:
     if rows == tuple(range(rows[0], rows[-1] + 1)):
         return matrix[rows[0] : rows[-1] + 1]
     return matrix[jnp.asarray(rows)]
-
-
-def busy_samples(samples: Sample) -> Int[Array, ""]:
-    """The number of samples up to the first of the padding, over all recordings.
-
-    Padding is a run of samples up to the end that have neither an interval nor a measurement: nothing changes there.
-    """
-    active = jnp.any(samples.dt != 0.0, axis=-1) | jnp.any(samples.visible, axis=(1, 2))
-    length = len(active)
-    last = length - 1 - jnp.argmax(active[::-1])
-    return jnp.where(jnp.any(active), jnp.minimum(last + 2, length), 1)
-
-
-def part_size(length: int) -> int | None:
-    """The length of the parts in which a scan skips padding; None: a scan of this length has no parts."""
-    size = next(size for size in range(PART, 0, -1) if length % size == 0)
-    return size if PART // 4 <= size < length else None
-
-
-def repeated[Y](last: Y, part: object) -> Y:
-    """The outputs of padding: those of the sample before it."""
-    size = len(jax.tree.leaves(part)[0])
-    return jax.tree.map(lambda v: jnp.broadcast_to(v, (size, *v.shape)), last)
-
-
-def scanned[C, S, Y](
-    body: Callable[[C, S], tuple[C, Y]], start: C, samples: S, busy: Int[Array, ""] | None, *,
-    reverse: bool = False, skipped: Callable[[Y, S], Y] = repeated,
-) -> tuple[C, Y]:  # fmt: skip
-    """`lax.scan` of the parts in which the first `busy` samples are, so that padding costs nothing.
-
-    Outputs of other parts are skipped(last outputs before them, or 0, part). Without `busy` all samples are scanned.
-    """
-    length = len(jax.tree.leaves(samples)[0])
-    size = part_size(length)
-    if size is None or busy is None:
-        return lax.scan(body, start, samples, reverse=reverse)
-    body = jax.jit(body, inline=True)  # traced once, for the shapes and for the scan
-
-    def part(kept: tuple[C, Y], given: tuple[Array, S]) -> tuple[tuple[C, Y], Y]:
-        def run(kept: tuple[C, Y], samples: S) -> tuple[tuple[C, Y], Y]:
-            carry, outputs = lax.scan(body, kept[0], samples, reverse=reverse)
-            return (carry, jax.tree.map(lambda v: v[-1], outputs)), outputs
-
-        return lax.cond(given[0] < busy, run, lambda kept, part: (kept, skipped(kept[1], part)), kept, given[1])
-
-    shapes = jax.eval_shape(body, start, jax.tree.map(lambda v: v[0], samples))[1]
-    none = jax.tree.map(lambda v: jnp.zeros(v.shape, v.dtype), shapes)
-    parts = jnp.arange(0, length, size), jax.tree.map(lambda v: v.reshape(-1, size, *v.shape[1:]), samples)
-    (carry, _), outputs = lax.scan(part, (start, none), parts, reverse=reverse)
-    return carry, jax.tree.map(lambda v: v.reshape(length, *v.shape[2:]), outputs)
-
-
-def without_skipped(cotangents: Array, busy: Int[Array, ""] | None) -> Array:
-    """The transpose of `repeated`: the cotangents of skipped parts are those of the last sample before."""
-    length = len(cotangents)
-    size = part_size(length)
-    if size is None or busy is None:
-        return cotangents
-    last = (busy + size - 1) // size * size - 1
-    before = jnp.reshape(jnp.arange(length) < last, (length, *[1] * (cotangents.ndim - 1)))
-    rest = jnp.sum(jnp.where(before, 0.0, cotangents), axis=0)
-    return jnp.where(before, cotangents, 0.0).at[last].set(rest)

@@ -179,6 +179,20 @@ def level(up: np.ndarray) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
+def turned(v: Float[AnyArray, "*batch axes"], angle: Values) -> Float[AnyArray, "*batch axes"]:
+    """Vectors (…, 2 or 3) turned about the vertical, by one angle or one each [rad]."""
+    c, s = xp.cos(angle), xp.sin(angle)
+    x, y, *up = xp.moveaxis(v, -1, 0)
+    return xp.stack([c * x - s * y, s * x + c * y, *up], axis=-1)
+
+
+def yawed(q: Float[AnyArray, "*batch 4"], angle: Values) -> Float[AnyArray, "*batch 4"]:
+    """Attitudes (…, 4) turned about the vertical, by one angle or one each [rad]."""
+    c, s = xp.cos(0.5 * angle), xp.sin(0.5 * angle)
+    w, x, y, z = xp.moveaxis(q, -1, 0)
+    return xp.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)
+
+
 # States are tuples of vectors (3,) and a quaternion (4,). In their errors each field is a vector: that of the attitude
 # is a rotation vector in the world, δ with q' = exp(δ) q, that of a vector its difference.
 

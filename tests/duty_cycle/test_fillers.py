@@ -83,14 +83,6 @@ def test_the_pace_is_told_through_gaps(felt):
     assert bool(p.known[149]) and not bool(p.known[30])
 
 
-def test_standing_counts_for_no_stride():
-    rate, acc = walk(200)
-    still = np.concatenate([np.zeros(300), rate]), np.concatenate([np.tile([0.0, 0.0, 9.81], (300, 1)), acc])
-    on = np.arange(500) < 300 + STRIDE
-    found = replicate(*(still[0], jnp.asarray(on), still[1]), RATE_HZ)
-    assert (np.asarray(found.how)[~on] == HELD).all()
-
-
 def test_a_real_shank_is_filled_better_than_the_paper_fills_it(data):
     """First 14 s of the steady walk, ten units of 1.4 s, four of ten on; the paper has 0.267, replicate 0.18."""
     walk = data("tripod", "Sub_FZ/PWS")[0]

@@ -1,14 +1,12 @@
 """What each filler computes, against the definition or a loop in NumPy."""
 
-import jax
 import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, schedule, walk
 
-from experiments.udaya2010.trigger import Memory, remembered
-from jgait.duty_cycle.fillers.base import FILLED, Thigh, check_signals
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours, scaled
-from jgait.duty_cycle.fillers.ridge import BLEND, RIDGE, blend, ridge
+from jgait.duty_cycle.fillers.base import Thigh
+from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
+from jgait.duty_cycle.fillers.ridge import RIDGE, ridge
 
 
 def error(found, rate, on):
@@ -32,24 +30,6 @@ def test_neighbours_are_those_of_the_definition():
         kernel = np.exp(-(alike - nearest) / (2.0 * p.bandwidth**2 * (nearest + p.floor)))
         if not on[t]:
             np.testing.assert_allclose(found.rate[t], (kernel * values).sum() / kernel.sum(), rtol=1e-9)
-
-
-def test_neighbours_sample_by_sample_are_those_over_the_recording():
-    rate, acc = walk(200, 54.3, seed=5)
-    on = schedule(200)
-    s = check_signals(rate, on, acc, RATE_HZ, None)
-    compared = scaled(s, NEIGHBOURS)
-
-    def step(state, sample):
-        return remembered(NEIGHBOURS, 1.0 / RATE_HZ, state, *sample)
-
-    none, no = np.zeros(200), np.zeros(200, bool)
-    start = Memory(np.zeros((200, compared.shape[1])), none, no, no, none, none)
-    told = np.asarray(jax.lax.scan(step, start, (compared, s.rate, s.usable))[1])
-    found = neighbours(rate, on, acc, RATE_HZ)
-    filled = np.asarray(found.how) == FILLED
-    np.testing.assert_allclose(found.rate[filled], told[filled], rtol=1e-10)
-    assert filled.sum() > 50
 
 
 def test_neighbours_follow_a_walk_whose_stride_changes_in_the_gap():
@@ -95,12 +75,3 @@ def test_a_thigh_helps_where_the_shank_feels_nothing(fill):
     thigh = Thigh(np.roll(rate, 3), acc)
     assert error(fill(rate, on, deaf, RATE_HZ, thigh=thigh), rate, on) < 0.3
     assert error(fill(rate, on, deaf, RATE_HZ), rate, on) > 0.6
-
-
-def test_a_blend_lies_between_its_parts_by_its_share():
-    rate, acc = walk(seed=10)
-    on = schedule()
-    line, near = ridge(rate, on, acc, RATE_HZ).rate, neighbours(rate, on, acc, RATE_HZ).rate
-    found = blend(rate, on, acc, RATE_HZ, BLEND._replace(share=0.3))
-    np.testing.assert_allclose(found.rate, 0.3 * line + 0.7 * near, atol=1e-12)
-    assert not np.allclose(line, near, atol=0.01)

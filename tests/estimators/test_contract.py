@@ -442,13 +442,6 @@ def test_a_parameter_outside_its_range_is_refused_by_name(name):
                 record.estimate(jax.tree.unflatten(tree, values), case.recording)
 
 
-@every_estimator
-def test_padding_only_lengthens(name):
-    inputs = case_of(name).inputs[0]
-    with pytest.raises(ValueError, match=f"pad only lengthens; got {inputs.time.size} samples and 3 wanted"):
-        estimators.get(name).pad(inputs, 3)
-
-
 def test_padding_follows_from_what_fields_state():
     axes = axes_of(AnkleSignals)
     assert axes["gyr"].fill == "hold" and axes["stands"].fill == "zero" and axes["gyr_bias"] is None

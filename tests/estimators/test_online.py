@@ -4,7 +4,6 @@ import jax
 import numpy as np
 import pytest
 from made.estimators import altered, hidden, only, times
-from made.notes import texts
 
 import jgait
 from experiments.silva2017.online import table, walk
@@ -412,14 +411,6 @@ def test_a_recording_that_does_not_walk_cannot_calibrate(walked):
         jgait.online(only(recording, "pelvis"))
     with pytest.raises(RecordingError, match="ankle_stride has no sensors; the recording has"):
         jgait.online(feet, estimators="ankle_stride")
-
-
-def test_notes_say_how_the_sensors_are_worn(walked):
-    recording = walked[0]
-    sensors = dict(recording.sensors)
-    sensors["thigh_left"], sensors["shank_left"] = sensors["shank_left"], sensors["thigh_left"]
-    live = jgait.online(recording._replace(sensors=sensors), PERSON, "leg_ekf")
-    assert any("left" in text for text in texts(live.notes))
 
 
 @pytest.mark.parametrize(("of", "p"), [(legs, leg_ekf.LegParams()), (duty, duty_cycled_gyro.DutyCycledParams())])

@@ -1,18 +1,7 @@
 """Estimates of real recordings are those stored in `unchanged.json`, to rounding: moving code changes no number.
 
 JGAIT_WRITE_UNCHANGED=1 python -m pytest -n 0 tests/estimators/test_unchanged.py writes the numbers anew; -k narrows
-it down to the recordings and estimators that a change of method is meant to move. The numbers are those of before the
-modules moved, but for sides at the waist (by the acceleration to the side since) and for states on manifolds, whose
-smoother is a Bryson–Frazier adjoint since: it moved positions by some micrometres and angles by some 1e-6 rad.
-Decisions at the waist and ankle are made with padding behind every recording since; before, a recording of exactly a
-power of two of samples had none, and one that ended in mid-stride found another contact at its end. The distance of
-`leg_ekf` has what is walked after the last stride where a recording ends in walking, as the first 20 s of S02 do. The
-waist's step frequency is chosen by the sway, too, which moved contacts by less than a microsecond. The waist's steps
-next to standing are integrated, and its integration is trusted more, which moved lengths by a few hundredths. Where a
-leg moves in the standing that calibrates, `leg_ekf` knows its gyroscopes' bias less well, which moved angles. A
-swing that an end of a recording cuts is no stance of a foot, which took away a stride of four parts of recordings.
-Where a gyroscope sleeps, the stride time follows from the samples that were measured; before, a thigh was turned round.
-Deviations of strides, and of the distance along them, have the factor of `jgait.quality` since.
+it down to the recordings and estimators that a change of method is meant to move.
 """
 
 import json

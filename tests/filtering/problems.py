@@ -224,8 +224,8 @@ def case(name: str, samples: int = SAMPLES, masked: bool = True) -> Case:
     return Case(leg_model.MODEL, params, *on_device((seen, controls, 0.2 * dt, mask(seen))))
 
 
-MORE = 116
-"""Samples of padding: with `SAMPLES` two parts of a scan, of which the second is skipped."""
+MORE = 20
+"""Samples of padding."""
 
 
 def padded(c: Case) -> Case:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jgait.filtering import Belief, Covariance, Model, draw, kalman_filter
+from jgait.filtering import Belief, Covariance, Model, draw
 
 
 class Cart(NamedTuple):
@@ -50,15 +50,3 @@ def test_moments_are_those_of_the_model():
         assert np.all(np.abs(np.cov(now.T) - cov) < 6.0 * spread)
         sensed = seen.position[:, k] - states.position[:, k]
         assert abs(sensed.var() - 0.5) < 6.0 * 0.5 * np.sqrt(2.0 / len(KEYS))
-
-
-def test_the_filter_of_the_same_model_is_consistent_with_it_and_another_is_not():
-    _, seen = jax.jit(jax.vmap(lambda key: draw(key, CART, P, 100, dt=0.5)))(KEYS[:200])
-    found = jax.jit(jax.vmap(lambda p, y: kalman_filter(CART, p, y, dt=0.5, keep=("nis",)).nis, (None, 0)))
-
-    def nis(p):
-        return np.mean(found(p, seen))
-
-    limit = 6.0 * np.sqrt(2.0 / (200 * 100))
-    assert abs(nis(P) - 1.0) < limit
-    assert abs(nis(Noise(0.3, 1.0)) - 1.0) > limit

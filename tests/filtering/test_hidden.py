@@ -36,16 +36,3 @@ def test_hidden_for_good_is_masked_everywhere(smooth):
     innovation = hidden.filtered.innovation
     assert innovation.closure_x is None and innovation.closure_y is None
     np.testing.assert_allclose(innovation.thigh_gyro, masked.filtered.innovation.thigh_gyro, rtol=1e-9, atol=1e-12)
-
-
-def test_a_sample_online():
-    belief = leg_model.initial(PARAMS)
-    first = jax.tree.map(lambda v: v[0], (OBSERVATIONS, CONTROLS))
-
-    def step(gone):
-        mask = leg_model.LegObservation(True, True, *(gone,) * 4)
-        mask = jax.tree.map(lambda leaf: leaf if leaf is False else jnp.asarray(leaf), mask)
-        return filtering.step(leg_model.MODEL, PARAMS, belief, first[0], control=first[1], dt=0.02, mask=mask).belief()
-
-    ours, theirs = step(False), step(jnp.asarray(False))
-    jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)

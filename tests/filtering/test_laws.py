@@ -68,15 +68,6 @@ def test_an_all_false_mask_is_prediction_only(problem, execution):
     assert not np.any(np.asarray(blind.count))
 
 
-def test_padding_changes_nothing_in_the_fast_filter(problem):
-    plain = filtered(problem, "fast")
-    arrays = jax.tree.map(lambda v: np.pad(v, (0, 7), mode="edge"), problem[2:])
-    longer = Case(*problem[:2], *arrays)._replace(mask=jax.tree.map(lambda v: np.pad(v, (0, 7)), problem.mask))
-    padded = filtered(longer, "fast")
-    np.testing.assert_array_equal(np.asarray(padded.mean.speed)[:SAMPLES], plain.mean.speed)
-    assert np.sum(padded.log_likelihood) == pytest.approx(np.sum(plain.log_likelihood))
-
-
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_gradients_are_finite_in_float32(problem, execution):
     p, *cast = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), problem[1:-1])
@@ -123,13 +114,6 @@ def test_filters_are_consistent_on_a_pendulum(method):
     assert abs(nees.mean() - 1.0) < 6.0 * np.sqrt(2.0 / nees.size)
     nis = np.asarray(posterior.nis)[:, 20:]
     assert abs(nis.mean() - 1.0) < 6.0 * np.sqrt(2.0 / nis.size)
-
-
-def test_a_model_without_process_noise_is_a_regression():
-    still = CART._replace(transition_noise=lambda p, s, u, dt: Cart(0.0, 0.0))
-    c = case("cart", 5, masked=False)._replace(model=still)
-    core, fast = (smoothed(c, execution, covariance=False).mean for execution in ("core", "fast"))
-    np.testing.assert_allclose(np.stack(core), np.stack(fast), rtol=1e-9)
 
 
 def test_exactly_known_states_do_not_break_smoothing_or_sigma_points(problem):

@@ -1,4 +1,4 @@
-"""States that are no vectors: attitudes as unit quaternions, and a curved line whose results follow by hand."""
+"""States of arrays and of attitudes: as scalars, consistent with their own covariance, and a curved line by hand."""
 
 from typing import Any, NamedTuple
 
@@ -6,135 +6,169 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from filtering.problems import LINE, Place
+from filtering.problems import CART, LINE, Cart, Place, case, smoothed
+from jaxlie import SO3
 
 from jgait import filtering
-from jgait.filtering import KF, Belief, Covariance, Model, draw
-from jgait.geometry.rotation import Quaternion, conjugate, exponential, logarithm, product, rotated
-from jgait.geometry.vectors import Vector
+from jgait.filtering import FIELDS, KF, Belief, Covariance, Model, draw
 
-DT = 0.05
-SAMPLES = 60
-RUNS = 30
-GYRO, BIAS_WALK, DIRECTION = 0.02, 1e-3, 0.05
+DT, SAMPLES, RUNS = 0.05, 60, 30
+
+# jaxlie multiplies floats by arrays of whole numbers, which the tests' promotion of types refuses.
+usual_promotion = jax.numpy_dtype_promotion("standard")
 
 
-class Attitude(NamedTuple):
-    """Orientation, and the gyroscope's bias [rad/s]."""
+class Pair(NamedTuple):
+    """Two numbers as an array."""
 
-    q: Quaternion
-    bias: Vector
-
-
-class AttitudeError(NamedTuple):
-    """Rotation vector in body axes [rad], and the bias's error."""
-
-    angle: Vector
-    bias: Vector
+    both: Any
 
 
-class Directions(NamedTuple):
-    """World's up and north, seen from the body."""
+def paired(function: Any, noise: bool = False) -> Any:
+    """A function of `CART` as one of arrays."""
 
-    up: Vector
-    north: Vector
+    def of_arrays(p: Any, s: Pair, *rest: Any) -> Any:
+        found = function(p, Cart(*s.both), *rest)
+        return Covariance.from_dense(found.dense(), Pair(jnp.zeros(2))) if noise else Pair(jnp.stack(found))
 
-
-def attitude_retract(state: Attitude, error: AttitudeError) -> Attitude:
-    return Attitude(
-        product(state.q, exponential(error.angle)), jax.tree.map(lambda a, b: a + b, state.bias, error.bias)
-    )
+    return of_arrays
 
 
-def attitude_local(reference: Attitude, state: Attitude) -> AttitudeError:
-    between = product(conjugate(reference.q), state.q)
-    return AttitudeError(logarithm(between), jax.tree.map(lambda a, b: b - a, reference.bias, state.bias))
+def test_a_state_of_arrays_is_estimated_as_one_of_scalars():
+    c = case("cart")
+    mean, cov = CART.initial(c.params)
+    arrays = Model(
+        lambda p: Belief(Pair(jnp.stack(mean)), Covariance.from_dense(cov.dense(), Pair(jnp.zeros(2)))),
+        paired(CART.transition), paired(CART.transition_noise, True), paired(CART.observation),
+        paired(CART.observation_noise, True),
+    )  # fmt: skip
+    seen, mask = (Pair(jnp.stack(each, axis=-1)) for each in (c.observations, c.mask))
+    ours = filtering.kalman_smoother(arrays, c.params, seen, controls=c.controls, dt=c.dt, mask=mask, keep=FIELDS)
+    theirs = smoothed(c, keep=FIELDS)
+    for name in FIELDS:
+        found, expected = getattr(ours.filtered, name), getattr(theirs.filtered, name)
+        pairs = ((found.both, jnp.stack(expected, -1)) if isinstance(found, Pair) else (found, expected),)
+        if isinstance(found, Covariance):
+            pairs = ((found.dense(), expected.dense()),)
+        for a, b in (*pairs, (ours.mean.both, jnp.stack(theirs.mean, -1)), (ours.cov.dense(), theirs.cov.dense())):
+            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9, err_msg=name)
 
 
-def attitude_initial(p: Any) -> Belief:
-    mean = Attitude(Quaternion(1.0, 0.0, 0.0, 0.0), Vector(0.0, 0.0, 0.0))
-    variances = AttitudeError(Vector(0.5**2, 0.5**2, 0.5**2), Vector(0.1**2, 0.1**2, 0.1**2))
-    return Belief(mean, Covariance.from_variances(variances))
+class Body(NamedTuple):
+    """Position, attitude from the body to the world, and the gyroscope's bias."""
+
+    position: Any
+    attitude: Any
+    bias: Any
 
 
-def attitude_transition(p: Any, s: Attitude, gyr: Vector, dt: Any) -> Attitude:
-    return Attitude(
-        product(s.q, exponential(Vector(*((g - b) * dt for g, b in zip(gyr, s.bias, strict=True))))), s.bias
-    )
+class BodyError(NamedTuple):
+    """The same with a rotation vector in body axes."""
+
+    position: Any
+    angle: Any
+    bias: Any
 
 
-def attitude_noise(p: Any, s: Attitude, gyr: Vector, dt: Any) -> AttitudeError:
-    angle, walk = GYRO**2 * dt, BIAS_WALK**2 * dt
-    return AttitudeError(Vector(angle, angle, angle), Vector(walk, walk, walk))
+class Fix(NamedTuple):
+    """Where it is, and the world's up and north, seen from the body."""
+
+    place: Any
+    up: Any
+    north: Any
 
 
-def attitude_observation(p: Any, s: Attitude, gyr: Vector) -> Directions:
-    return Directions(rotated(conjugate(s.q), Vector(0.0, 0.0, 1.0)), rotated(conjugate(s.q), Vector(1.0, 0.0, 0.0)))
+class Motion(NamedTuple):
+    """Angular rate in body axes and velocity in the world."""
+
+    rate: Any
+    velocity: Any
 
 
-def direction_noise(p: Any, s: Attitude, gyr: Vector) -> Directions:
-    return Directions(Vector(p, p, p), Vector(p, p, p))
+@usual_promotion
+def transition(p: Any, s: Body, u: Motion, dt: Any) -> Body:
+    return Body(s.position + dt * u.velocity, s.attitude @ SO3.exp((u.rate - s.bias) * dt), s.bias)
 
 
-ATTITUDE = Model(
-    attitude_initial, attitude_transition, attitude_noise, attitude_observation, direction_noise,
-    attitude_retract, attitude_local,
+@usual_promotion
+def observation(p: Any, s: Body, u: Motion) -> Fix:
+    return Fix(s.position, *(s.attitude.inverse() @ jnp.array(axis) for axis in ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0])))
+
+
+@usual_promotion
+def retract(s: Body, e: BodyError) -> Body:
+    return Body(s.position + e.position, s.attitude @ SO3.exp(e.angle), s.bias + e.bias)
+
+
+@usual_promotion
+def local(a: Body, b: Body) -> BodyError:
+    return BodyError(b.position - a.position, (a.attitude.inverse() @ b.attitude).log(), b.bias - a.bias)
+
+
+def initial(p: Any) -> Belief:
+    variances = BodyError(jnp.full(3, 0.04), jnp.full(3, 0.25), jnp.full(3, 0.01))
+    return Belief(Body(jnp.zeros(3), SO3(jnp.array([1.0, 0.0, 0.0, 0.0])), jnp.zeros(3)),
+                  Covariance.from_variances(variances))  # fmt: skip
+
+
+BODY = Model(
+    initial, transition, lambda p, s, u, dt: BodyError(1e-3 * dt, 4e-4 * dt, 1e-6 * dt), observation,
+    lambda p, s, u: Fix(4.0 * p, p, p),  # one number stands for all entries of an array
+    retract, local,
 )  # fmt: skip
+NOISE = 0.05**2
 
 
 @pytest.fixture(scope="module")
-def tumble() -> tuple[Attitude, Directions, Vector]:
-    """Runs (RUNS, SAMPLES) of a tumbling body: its truth, drawn from the model, what is seen, and the gyroscope."""
+def tumble() -> tuple[Body, Fix, Motion]:
+    """Runs (RUNS, SAMPLES) of a tumbling body: its truth, drawn from the model, what is seen, and its motion."""
     time = DT * jnp.arange(float(SAMPLES))
-    gyr = Vector(2.0 * jnp.sin(time), 1.5 * jnp.cos(0.7 * time), 1.0 + jnp.sin(1.3 * time))
+    rate = jnp.stack([2.0 * jnp.sin(time), 1.5 * jnp.cos(0.7 * time), 1.0 + jnp.sin(1.3 * time)], axis=-1)
+    motion = Motion(rate, jnp.stack([jnp.ones_like(time), time, -time], axis=-1))
     keys = jax.random.split(jax.random.key(1), RUNS)
-    drawn = jax.jit(jax.vmap(lambda k: draw(k, ATTITUDE, jnp.asarray(DIRECTION**2), SAMPLES, controls=gyr, dt=DT)))(
-        keys
-    )
-    return jax.tree.map(np.asarray, (*drawn, gyr))
+    drawn = jax.jit(jax.vmap(lambda k: draw(k, BODY, jnp.asarray(NOISE), SAMPLES, controls=motion, dt=DT)))(keys)
+    return jax.tree.map(np.asarray, (*drawn, motion))
 
 
-apart = jax.jit(jax.vmap(jax.vmap(attitude_local)))
+def test_a_tumbling_body_is_estimated_and_its_covariance_is_that_of_the_error(tumble):
+    truth, seen, motion = tumble
+
+    def solve(truth: Body, seen: Fix) -> Any:
+        found = filtering.kalman_smoother(BODY, NOISE, seen, controls=motion, dt=DT, keep=("mean", "cov", "nis"))
+        errors = [jnp.concatenate(jax.vmap(local)(mean, truth), axis=-1) for mean in (found.filtered.mean, found.mean)]
+        return found, errors
+
+    found, errors = jax.jit(jax.vmap(solve))(truth, seen)
+    assert found.cov.names == ("position", "angle", "bias") and isinstance(found.mean.attitude, SO3)
+    assert found.mean.attitude.wxyz.shape == (RUNS, SAMPLES, 4) and found.cov.stddev().angle.shape == truth.bias.shape
+    np.testing.assert_allclose(np.linalg.norm(found.mean.attitude.wxyz, axis=-1), 1.0, atol=1e-9)
+    filtered, smoothed = map(np.asarray, errors)
+    assert np.degrees(np.abs(filtered[:, 20:, 3:6])).max() < 5.0
+    assert np.sqrt(np.mean(smoothed**2)) < 0.8 * np.sqrt(np.mean(filtered**2))
+    late = slice(20, None, 20)  # far enough apart for the runs' errors to be nearly independent
+    for error, cov in ((filtered, found.filtered.cov), (smoothed, found.cov)):
+        dense = np.asarray(cov.dense())
+        np.testing.assert_array_equal(dense, np.swapaxes(dense, -1, -2))
+        ratio = np.einsum("...i,...ij,...j->...", error, np.linalg.inv(dense), error)[:, late]
+        assert abs(ratio.mean() - 9.0) < 6.0 * np.sqrt(18.0 / ratio.size)
+        np.testing.assert_array_equal(cov["position", "angle"], dense[..., 0:3, 3:6])
+    nis = np.asarray(found.filtered.nis)[:, late]
+    assert abs(nis.mean() - 9.0) < 6.0 * np.sqrt(18.0 / nis.size)
 
 
-def error_of(mean: Attitude, truth: Attitude) -> np.ndarray:
-    return np.stack(jax.tree.leaves(apart(mean, truth)), -1)
+def test_a_wrong_shape_is_refused_by_the_name_of_its_field_and_a_rotation_by_the_kf(tumble):
+    seen, motion = jax.tree.map(lambda v: v[0], tumble[1]), tumble[2]
 
+    def refused(model: Model, seen: Fix, match: str, **more: Any) -> None:
+        with pytest.raises(ValueError, match=match):
+            filtering.kalman_filter(model, NOISE, seen, controls=motion, dt=DT, **more)
 
-def nees(error: np.ndarray, cov: Covariance) -> np.ndarray:
-    return np.einsum("...i,...ij,...j->...", error, np.linalg.inv(np.asarray(cov.dense())), error)
-
-
-def test_attitude_is_estimated_and_its_covariance_is_that_of_the_error(tumble):
-    truth, seen, gyr = tumble
-    solve = jax.vmap(
-        lambda seen: filtering.kalman_smoother(
-            ATTITUDE, DIRECTION**2, seen, controls=gyr, dt=DT, keep=("mean", "cov", "nis")
-        )
-    )
-    out = jax.jit(solve)(seen)
-    assert out.cov.names == ("angle.x", "angle.y", "angle.z", "bias.x", "bias.y", "bias.z")
-    np.testing.assert_allclose(np.sum(np.stack(out.mean.q) ** 2, 0), 1.0, atol=1e-12)
-    filtered = error_of(out.filtered.mean, truth)
-    smoothed = error_of(out.mean, truth)
-    assert np.degrees(np.abs(filtered[:, 20:, :3])).max() < 5.0
-    assert np.sqrt(np.mean(smoothed**2)) < 0.7 * np.sqrt(np.mean(filtered**2))
-    late = slice(20, None, 20)  # Far enough apart for the runs' errors to be nearly independent.
-    for error, cov in ((filtered, out.filtered.cov), (smoothed, out.cov)):
-        ratio = nees(error, cov)[:, late]
-        assert abs(ratio.mean() - 6.0) < 6.0 * np.sqrt(12.0 / ratio.size)
-    share = np.asarray(out.filtered.nis)[:, late]
-    assert abs(share.mean() - 6.0) < 6.0 * np.sqrt(12.0 / share.size)
-    dense = np.asarray(out.cov.dense())
-    np.testing.assert_array_equal(dense, np.swapaxes(dense, -1, -2))
-    assert np.linalg.eigvalsh(dense).min() > 0.0
-
-
-def test_the_kf_refuses_a_rotation(tumble):
-    _, seen, gyr = tumble
-    seen = jax.tree.map(lambda v: v[0], seen)
-    with pytest.raises(ValueError, match="KF needs a linear model"):
-        filtering.kalman_filter(ATTITUDE, 1e-2, seen, controls=gyr, dt=DT, method=KF())
+    flat = BODY._replace(transition=lambda p, s, u, dt: s._replace(bias=s.bias[:2]))
+    refused(flat, seen, r"transition returns .*'bias' of shape \(3,\); got \(2,\)")
+    spread = BODY._replace(observation_noise=lambda p, s, u: Fix(jnp.ones(2), p, p))
+    refused(spread, seen, r"observation_noise returns .*'place' of shape .*\(3,\); got \(2,\)")
+    refused(BODY, seen._replace(up=seen.up[:, :2]), r"'up' must have shape \(T, 3\).* got \(T, 2\)")
+    refused(BODY, seen, "KF needs a linear model", method=KF())
 
 
 def test_update_and_smoother_on_a_curved_line_are_as_by_hand():

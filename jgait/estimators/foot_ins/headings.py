@@ -22,6 +22,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jgait.geometry.rotation import turned, yawed
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory
 
 DRIFT = 1.2e-3
@@ -158,16 +159,3 @@ def _without(foot: FootTrajectory, angle: np.ndarray) -> FootTrajectory:
     return FootTrajectory(
         position[:1] + turned_way(position, -angle), turned(velocity, -angle), yawed(orientation, -angle)
     )
-
-
-def turned(v: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
-    """Vectors (…, 2 or 3) turned about the vertical, by one angle or one each [rad]."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * v[..., 0] - s * v[..., 1], s * v[..., 0] + c * v[..., 1], *np.moveaxis(v, -1, 0)[2:]], axis=-1)
-
-
-def yawed(q: np.ndarray, angle: float | np.ndarray) -> np.ndarray:
-    """Attitudes (…, 4) turned about the vertical, by one angle or one each [rad]."""
-    c, s = np.cos(0.5 * angle), np.sin(0.5 * angle)
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    return np.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)

@@ -13,8 +13,8 @@ from jgait.estimators.sides import along, entries, of_turns, picked
 from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Covariance, Inferred
 from jgait.geometry.arrays import interpolated, of_jax, put, xp
-from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated
-from jgait.geometry.vectors import Vector, add, as_array, root, vector, wrapped
+from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated, turned, yawed
+from jgait.geometry.vectors import Vector, as_array, root, vector, wrapped
 from jgait.quality.stride import nis_between
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
@@ -78,7 +78,7 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     `flatten` gives successive footholds of the trajectory one height where the ground is level, see `level_ground`.
     """
     state, cov = inferred.mean, inferred.cov
-    position, velocity, attitude = vector(state.position), vector(state.velocity), quaternion(state.attitude)
+    position, attitude = vector(state.position), quaternion(state.attitude)
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = xp.arange(here.shape[0], dtype=xp.int32) < foot.count - 1
     way = _at(position, there)
@@ -93,13 +93,14 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     way_since = _accumulated(position, foot)
     if flatten:
         way_since = way_since._replace(z=_flattened(way_since.z, foot, time, strides, deviations))
-    attitude = _yawed(attitude, heading)
-    since = xp.stack(add(_turned(way_since, heading), rotated(attitude, p.tracked_point)), axis=1)
+    orientation = yawed(state.attitude, -heading)
+    since = turned(xp.stack(way_since, axis=1), -heading)
+    since = since + xp.stack(rotated(quaternion(orientation), p.tracked_point), axis=1)
     start = since[foot.foothold[0]]
     trajectory = FootTrajectory(
         position=xp.where(foot.valid[:, None], since - start[None, :], xp.zeros_like(since)),
-        velocity=as_array(_turned(velocity, heading)),
-        orientation=as_array(attitude),
+        velocity=turned(state.velocity, -heading),
+        orientation=orientation,
     )
     spread = cov.stddev()
     deviation = FootTrajectory(
@@ -324,19 +325,8 @@ def _accumulated(position: Vector, foot: FootSignals) -> Vector:
     return Vector(*(part + begun[:, axis] for axis, part in enumerate(position)))
 
 
-def _turned(v: Vector, heading: Values) -> Vector:
-    """A vector in a world whose x axis lies along a heading."""
-    c, s = xp.cos(heading), xp.sin(heading)
-    return Vector(c * v.x + s * v.y, c * v.y - s * v.x, v.z)
-
-
-def _yawed(q: Quaternion, heading: Values) -> Quaternion:
-    c, s = xp.cos(0.5 * heading), xp.sin(0.5 * heading)
-    return Quaternion(c * q.w + s * q.z, c * q.x + s * q.y, c * q.y - s * q.x, c * q.z - s * q.w)
-
-
 def _rotated_stddev(cov: Covariance, part: str, heading: Values, spread: Vector) -> Vector:
-    """Standard deviations along the world axes of `_turned`."""
+    """Standard deviations along axes of the world that are turned by the heading."""
     c, s = xp.cos(heading), xp.sin(heading)
     xx, yy, xy = entries(cov, part, ("xx", "yy", "xy"))
     return Vector(root(c * c * xx + 2 * c * s * xy + s * s * yy), root(s * s * xx - 2 * c * s * xy + c * c * yy),

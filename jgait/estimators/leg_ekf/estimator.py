@@ -1,6 +1,7 @@
 """Joint angles, foot positions and distance from prepared inputs."""
 
 from functools import partial, reduce
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -56,21 +57,10 @@ def model_params(p: LegParams, leg: LegSignals) -> LegModelParams:
     )
 
 
-def _incline(p: LegParams, segment: Segment, inputs: LegInputs, options: LegOptions) -> inclination.Inclination:
-    """Inclination of one segment."""
-    observed, controls, mask = inclination.observed(segment, segment.gyr[0], inputs, options.standing)
-    inferred = filtering.infer(
-        inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        initial=inclination.prior(segment.bias, inputs.start_variance, segment.unrest, segment.start),
-        covariance=inclination.NEEDED, method=filtering.EKF(derivative=options.method.derivative),
-    )  # fmt: skip
-    return inclination.read_out(inferred.mean, inferred.cov, observed.gyr)
-
-
 def observe(
     p: LegParams,
     leg: LegSignals,
-    inclinations: tuple[inclination.Inclination, inclination.Inclination] | None,
+    inclinations: tuple[inclination.Inclination, ...] | None,
     inputs: LegInputs,
     options: LegOptions,
 ) -> tuple[LegObservation, LegControl, LegObservation]:
@@ -149,21 +139,11 @@ def trajectory_of(state: LegState) -> LegTrajectory:
     return LegTrajectory(state.thigh_angle - STANDING, -state.knee_angle, state.x, state.y)
 
 
-def _variance(name: str, cov: Covariance, filtered: Covariance | None) -> Values:
-    """Variance of one component; the filtered variance replaces one that is negative or larger by rounding."""
-    variance = cov[name, name]
-    if filtered is None:
-        return variance
-    most = filtered[name, name]
-    return xp.where((variance >= 0.0) & (variance <= most), variance, most)
-
-
-def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covariance | None = None) -> LegTrajectory:
+def deviation_of(p: LegParams, state: LegState, cov: Covariance) -> LegTrajectory:
     """Standard deviations of the leg: the filter's, with those of the standing pose and of soft tissue.
 
     The pose in the calibrating stance is unknown by a constant; soft tissue moves by a share of the angle from standing
-    and by itself. Both pass to x and y through the kinematics. If `cov` is smoothed, the filtered covariance replaces
-    values with rounding errors in float32.
+    and by itself. Both pass to x and y through the kinematics.
     """
     shin = state.thigh_angle + state.knee_angle
     thigh, shank = soft_tissue_variances(p, state)
@@ -178,12 +158,9 @@ def deviation_of(p: LegParams, state: LegState, cov: Covariance, filtered: Covar
     # an error of the standing hip turns the whole leg, one of the standing knee the shank
     along = x1**2 * thigh + x2**2 * shank + (x1 + x2) ** 2 * hip + x2**2 * knee
     upward = y1**2 * thigh + y2**2 * shank + (y1 + y2) ** 2 * hip + y2**2 * knee
-    return LegTrajectory(
-        xp.sqrt(_variance("thigh_angle", cov, filtered) + thigh + hip),
-        xp.sqrt(_variance("knee_angle", cov, filtered) + thigh + shank + knee),
-        xp.sqrt(_variance("x", cov, filtered) + along),
-        xp.sqrt(_variance("y", cov, filtered) + upward),
-    )
+    more = {"thigh_angle": thigh + hip, "knee_angle": thigh + shank + knee, "x": along, "y": upward}
+    # in single precision a smoothed variance can be negative by rounding
+    return LegTrajectory(*(xp.sqrt(xp.maximum(cov[name, name], 0.0) + v) for name, v in more.items()))
 
 
 def soft_tissue_variances(p: LegParams, state: LegState) -> tuple[Values, Values]:
@@ -262,23 +239,61 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
     return Estimate(inputs.time, legs, Legs(*deviations), distance, valid, diagnostics)
 
 
-def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
-    inclinations = None
+class LegBeliefs(NamedTuple):
+    """What is known of a leg before a sample."""
+
+    segments: Belief  #: beliefs about the inclinations of thigh and shank, leaves (2, …).
+    leg: Belief  #: belief about the leg.
+    rates: Values  #: (2, 3) the last rates of both sensors, for the mean over the interval [rad/s].
+
+
+def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> LegBeliefs:
+    """The beliefs before the first sample of signals (T, …), in the standing pose or the inclination that they state,
+    with a variance [rad²].
+    """
+    both = stacked(leg.thigh, leg.shank)
+    segments = jax.vmap(lambda bias, unrest, angle: inclination.prior(bias, start_variance, unrest, angle))
+    belief = prior_of(p, leg, start_variance, options)
+    return LegBeliefs(segments(both.bias, both.unrest, both.start), belief, both.gyr[:, 0])
+
+
+def filtered(
+    p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, before: LegBeliefs,
+    keep: tuple[str, ...] = filtering.SUMMARY, model: Model = leg_model.MODEL,
+) -> tuple[filtering.Inferred | None, filtering.Inferred]:  # fmt: skip
+    """The states of both segments' inclinations, None without gravity, and of the leg, at the samples that follow.
+
+    `inputs` are of all legs: dt [s], still and valid; `keep` names fields of the leg's posterior.
+    """
+
+    def incline(belief: Belief, rate: Values, segment: Segment) -> tuple[filtering.Inferred, inclination.Inclination]:
+        observed, controls, mask = inclination.observed(segment, rate, inputs, options.standing)
+        states = filtering.infer(
+            inclination.MODEL, p.inclination, observed, smooth=options.smooth, controls=controls, dt=inputs.dt,
+            mask=mask, initial=belief, keep=(), covariance=inclination.NEEDED,
+            method=filtering.EKF(derivative=options.method.derivative),
+        )  # fmt: skip
+        return states, inclination.read_out(states.mean, states.cov, observed.gyr)
+
+    segments = angles = None
     if options.gravity:
-        pair = jax.vmap(lambda segment: _incline(p, segment, inputs, options))(stacked(leg.thigh, leg.shank))
-        inclinations = (jax.tree.map(lambda v: v[0], pair), jax.tree.map(lambda v: v[1], pair))
-    observations, controls, mask = observe(p, leg, inclinations, inputs, options)
-    rough = options.smooth and inputs.dt.dtype == np.float32  # rounding errors are worth a check
-    return filtering.infer(
+        segments, both = jax.vmap(incline)(before.segments, before.rates, stacked(leg.thigh, leg.shank))
+        angles = tuple(jax.tree.map(lambda v, k=k: v[k], both) for k in range(2))
+    observations, controls, mask = observe(p, leg, angles, inputs, options)
+    return segments, filtering.infer(
         model, model_params(p, leg), observations, smooth=options.smooth, controls=controls, dt=inputs.dt, mask=mask,
-        method=options.method, initial=prior_of(p, leg, inputs.start_variance, options),
-        keep=(*(("cov",) if rough else ()), *filtering.SUMMARY), covariance=SPREAD,
+        method=options.method, initial=before.leg, keep=keep, covariance=SPREAD,
     )  # fmt: skip
+
+
+def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
+    before = start(p, leg, inputs.start_variance, options)
+    return filtered(p, leg, inputs, options, before, model=model)[1]
 
 
 def _read_out(p: LegParams, states: filtering.Inferred) -> tuple[LegTrajectory, LegTrajectory, Values, Values, Flags]:
     """Trajectory and deviations of one leg, log-likelihood, mean NIS, and (T,) bool of valid samples."""
-    deviation = deviation_of(p, states.mean, states.cov, states.filtered.cov)
+    deviation = deviation_of(p, states.mean, states.cov)
     return trajectory_of(states.mean), deviation, states.log_likelihood, states.nis, states.filtered.valid
 
 

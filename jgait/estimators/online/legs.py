@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.leg_ekf import online as leg_online
-from jgait.estimators.leg_ekf.estimator import calibrated
+from jgait.estimators.leg_ekf.estimator import LegBeliefs, calibrated, deviation_of, filtered, start, trajectory_of
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side
 from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, mounted, resting_legs, with_feet
@@ -35,7 +34,7 @@ from jgait.estimators.sides import stacked
 from jgait.events.rest import LEGS_RATE
 from jgait.mounting.leg import worn_legs
 from jgait.notes import Note
-from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values, as_float
+from jgait.types import SIDES, Counts, Recording, Values, as_float
 
 KINEMATICS = DEFAULT._replace(smooth=False, distance="stance")
 """The options of the device."""
@@ -54,12 +53,10 @@ class LegsConstants(NamedTuple):
 class LegsState(NamedTuple):
     """State between samples."""
 
-    legs: leg_online.LegOnlineState  #: states of the filters, leaves (n, …).
+    legs: LegBeliefs  #: what is known of each leg, leaves (n, …).
     lost: Values  #: (n, 2) time since the last measured sample of thigh and shank [s]; 0: the newest is measured.
     slow: Values  #: samples for which all gyroscopes have been slow.
     settling: Values  #: (2,) whether angles can be trusted, see `standing.settled`.
-    before: LegTrajectory  #: trajectories at the last sample, leaves (n,).
-    begun: Flags  #: whether there was a sample.
     #: (3,) displacement of the hip by the feet in stance [m]; numbers of samples in which the foot of a single leg
     #: moved, and in which it moved backward.
     sums: Values
@@ -108,10 +105,13 @@ def begin(c: LegsConstants, sample: Readings, options: LegOptions) -> LegsState:
     """The state before the first sample, see `Device`."""
     zero, each = jnp.zeros_like(c.start_variance), jnp.zeros_like(c.worn.scale)
     first = _signals(c.worn, jax.tree.map(lambda v: v[None], sample), each[None])
-    start = jax.vmap(lambda params, leg: leg_online.start(params, leg, c.start_variance, options))
+
+    def begun(params: LegParams, leg: LegSignals) -> LegBeliefs:
+        before = start(params, leg, c.start_variance, options)
+        return before._replace(segments=before.segments.joined(), leg=before.leg.joined())
+
     return LegsState(
-        start(c.each_leg, first), each, zero, jnp.stack([zero, zero + jnp.inf]), LegTrajectory(*(each[:, 0],) * 4),
-        jnp.zeros((), bool), jnp.stack([zero] * 3),
+        jax.vmap(begun)(c.each_leg, first), each, zero, jnp.stack([zero, zero + jnp.inf]), jnp.stack([zero] * 3)
     )  # fmt: skip
 
 
@@ -123,13 +123,20 @@ def advance(
     lost = lost_for(state.lost, samples.turned.reshape(-1, *c.worn.scale.shape), samples.dt, count)
     slow, still = stood(state.slow, samples, LEGS_RATE, c.window, count)
     inputs = LegInputs(None, None, samples.dt, samples.dt, still, real, c.start_variance)
-    run = jax.vmap(
-        lambda params, leg, signals: leg_online.over(params, leg, signals, inputs, options, count), out_axes=(0, 1)
-    )
-    legs, (leg, stddev, updated) = run(c.each_leg, state.legs, _signals(c.worn, samples, lost))
+
+    def run(params: LegParams, known: LegBeliefs, leg: LegSignals) -> PyTree:
+        segments, states = filtered(params, leg, inputs, options, known, ("valid",))
+        tilts = known.segments if segments is None else jax.vmap(lambda s: s.filtered.belief(at))(segments)
+        after = LegBeliefs(tilts, states.filtered.belief(at), stacked(leg.thigh, leg.shank).gyr[:, at])
+        results = trajectory_of(states.mean), deviation_of(params, states.mean, states.cov), states.filtered.valid
+        return after, results
+
+    run_legs = jax.vmap(run, out_axes=(0, 1))
+    legs, (leg, stddev, updated) = run_legs(c.each_leg, state.legs, _signals(c.worn, samples, lost))
     before = jax.tree.map(
-        lambda old, new: jnp.concatenate([jnp.where(state.begun, old, new[0])[None], new[:-1]]), state.before, leg
-    )
+        lambda old, new: jnp.concatenate([jnp.where(samples.dt[0] > 0.0, old, new[0])[None], new[:-1]]),
+        trajectory_of(state.legs.leg.mean), leg,
+    )  # fmt: skip
     most, walks = jnp.max(backward(leg, before, c.p.rollover_radius), axis=1), real & ~still
     moves = walks & (jnp.abs(most) > MOVES_M)
     ways = (jnp.where(walks, jnp.maximum(most, 0.0), 0.0), moves, moves & (most > 0.0))
@@ -137,7 +144,6 @@ def advance(
     share = sums[:, 2] / jnp.maximum(sums[:, 1], 1.0) if len(c.worn.axes) == 1 else jnp.ones_like(most)
     gone = jnp.any(lost >= LONG_GAP, axis=(1, 2))
     settling, trusted = settled(state.settling, gone, still, samples.dt, count)
-    last = jax.tree.map(lambda v: v[at], leg)
-    after = LegsState(legs, lost[at], slow, settling, last, jnp.ones((), bool), sums[at])
+    after = LegsState(legs, lost[at], slow, settling, sums[at])
     distance = c.p.distance_scale * sums[:, 0] / jnp.maximum(share, LEAST_SHARE)
     return after, LegsNow(leg, stddev, still, jnp.all(updated, axis=1) & trusted, distance=distance)

@@ -4,10 +4,10 @@ import numpy as np
 
 from jgait.estimators import foot_ins
 from jgait.estimators.checks import sensors_of
-from jgait.estimators.foot_ins.headings import turned, yawed
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.losses import not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
+from jgait.geometry.rotation import turned, yawed
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Recording, RecordingError, Strides, as_float
 

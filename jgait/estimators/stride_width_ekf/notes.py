@@ -13,22 +13,7 @@ FEW_STRIDES = Kind(
     NO_RANGE,
 )
 
-RANGE_ABSENT = Kind(
-    "range_absent", "check", "there is no range between the feet: widths have the mean of usual people", NO_RANGE
-)
-
-RANGE_SILENT = Kind(
-    "range_silent", "check", "the range sensor measured nothing: widths have the mean of usual people", NO_RANGE
-)
-
-RANGE_FAR = Kind(
-    "range_far",
-    "check",
-    "the range sensor measured nothing within {longest:g} m: widths have the mean of usual people",
-    NO_RANGE,
-)
-
-RANGE_UNUSED = Kind("range_unused", "check", "no range is left: widths have the mean of usual people", NO_RANGE)
+RANGE_ABSENT = Kind("range_absent", "check", "{why}: widths have the mean of usual people", NO_RANGE)
 
 RANGE_OFFSET_ABSENT = Kind(
     "range_offset_absent",
@@ -50,24 +35,11 @@ RANGES_MISFIT = Kind(
     _WRONG,
 )
 
-RANGES_MOSTLY_ODD = Kind(
-    "ranges_mostly_odd",
-    "check",
-    "{odd} of {passings} {passings:passing has|passings have} a range above {longest:g} m or unlike those around: none "
-    "is used, and widths have the mean of usual people",
-    NO_RANGE,
-)
-
-_LEFT_OUT = "Distances between the feet that cannot be right, or come at the wrong moment, were not used."
-
-RANGES_LONG = Kind("ranges_long", "corrected", "left out {ranges} {ranges:range|ranges} above {longest:g} m", _LEFT_OUT)
-
-RANGES_ODD = Kind("ranges_odd", "corrected", "left out {ranges} {ranges:range|ranges} unlike those around", _LEFT_OUT)
-
-RANGES_TURNING = Kind("ranges_turning", "corrected", "left out {ranges} {ranges:range|ranges} in turns", _LEFT_OUT)
-
-RANGES_UNKNOWN = Kind(
-    "ranges_unknown", "corrected", "left out {ranges} {ranges:range|ranges} at which the feet were not known", _LEFT_OUT
+RANGES_LEFT_OUT = Kind(
+    "ranges_left_out",
+    "corrected",
+    "left out {ranges} {ranges:range|ranges} {why}",
+    "Distances between the feet that cannot be right, or come at the wrong moment, were not used.",
 )
 
 RANGE_LATE = Kind(

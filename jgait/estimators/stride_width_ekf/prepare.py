@@ -97,7 +97,7 @@ def _usable(
 ) -> tuple[np.ndarray, np.ndarray, list[Note]]:
     """Times on the feet's clock [s] and distances [m] of the usable ranges, one for each passing of the feet; notes."""
     if read is None:
-        return np.zeros(0), np.zeros(0), [kinds.RANGE_ABSENT()]
+        return _none("there is no range between the feet")
     times, distances, mask = (np.asarray(v) for v in read)
     if not times.shape == distances.shape == mask.shape or times.ndim != 1:
         raise RecordingError(
@@ -107,37 +107,39 @@ def _usable(
     measured = mask.astype(bool) & np.isfinite(times) & np.isfinite(distances)
     near = measured & (distances > 0.0) & (distances <= options.longest_range)
     if not near.any():
-        none = kinds.RANGE_FAR(longest=options.longest_range) if measured.any() else kinds.RANGE_SILENT()
-        return np.zeros(0), np.zeros(0), [none]
+        within = f" within {options.longest_range:g} m" if measured.any() else ""
+        return _none(f"the range sensor measured nothing{within}")
     far = _far_passings(times[measured].astype(float), near[measured])
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
     odd = _outliers(distances, options.outlier)
     wrong, passings = far + int(np.sum(odd)), far + len(distances)
     if wrong > max(MOST_ODD * passings, 1):
-        note = kinds.RANGES_MOSTLY_ODD(odd=wrong, passings=passings, longest=options.longest_range)
-        return np.zeros(0), np.zeros(0), [note]
+        return _none(
+            f"{wrong} of {passings} passings have a range above {options.longest_range:g} m or unlike those around, "
+            "none is used"
+        )
     times, distances = times[~odd], distances[~odd]
     delay, stddev = _delay(pair, turning, times) if options.align_range else (0.0, np.inf)
     times = times - delay
     known, turned = _known(pair, times), _inside(times, turning)
     usable = known & ~turned
-    far_away, unknown = measured & ~near, ~known & ~turned
-    notes = []
-    if far_away.any():
-        notes.append(kinds.RANGES_LONG(ranges=far_away.sum(), longest=options.longest_range))
-    if odd.any():
-        notes.append(kinds.RANGES_ODD(ranges=odd.sum()))
-    if turned.any():
-        notes.append(kinds.RANGES_TURNING(ranges=turned.sum()))
-    if unknown.any():
-        notes.append(kinds.RANGES_UNKNOWN(ranges=unknown.sum()))
+    left_out = {
+        f"above {options.longest_range:g} m": measured & ~near, "unlike those around": odd, "in turns": turned,
+        "at which the feet were not known": ~known & ~turned,
+    }  # fmt: skip
+    notes = [kinds.RANGES_LEFT_OUT(ranges=which.sum(), why=why) for why, which in left_out.items() if which.any()]
     if abs(delay) > max(0.01, 3.0 * stddev):
         notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
     if options.align_range and not np.isfinite(stddev) and np.sum(usable) > ENOUGH_PASSINGS:
         notes.append(kinds.RANGE_CLOCK_UNKNOWN(passings=np.sum(usable), latest_ms=1e3 * LATEST))
     if not usable.any():
-        notes.append(kinds.RANGE_UNUSED())
+        notes.append(kinds.RANGE_ABSENT(why="no range is left"))
     return times[usable], distances[usable], notes
+
+
+def _none(why: str) -> tuple[np.ndarray, np.ndarray, list[Note]]:
+    """No usable range, and a note."""
+    return np.zeros(0), np.zeros(0), [kinds.RANGE_ABSENT(why=why)]
 
 
 def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

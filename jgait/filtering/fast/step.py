@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, PyTree
 
-from jgait.filtering.covariance import Scalar
+from jgait.filtering.covariance import Covariance, Scalar
 from jgait.filtering.fast.components import (
     Flag,
     Matrix,
@@ -79,8 +79,9 @@ class ScalarModel(NamedTuple):
         noise = s.model.observation_noise(self.params, s.state.tuple(x), control)
         return self.matrix(s.noise(noise, s.observed, "what observation_noise returns"), s.measured)
 
-    def matrix(self, entries: dict[tuple[int, int], Scalar], rows: Sequence[int]) -> Matrix:
+    def matrix(self, noise: Covariance, rows: Sequence[int]) -> Matrix:
         """Some rows and columns of a noise matrix; numbers are known."""
+        entries = noise.entries()
 
         def entry(i: int, j: int) -> Scalar:
             value = entries.get((rows[i], rows[j]), 0.0)

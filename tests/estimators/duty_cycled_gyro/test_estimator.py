@@ -160,22 +160,6 @@ def test_a_filled_recording_is_taken_by_others(walk):
     assert not early.sensors["shank_right"].mask.all() and early.sensors["thigh_right"].mask.all()
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"schedule": 0.0}, r"duty must lie in \(0, 1\].*got 0.0"),
-        ({"schedule": 40.0}, r"duty must lie in \(0, 1\].*got 40.0; 40 % is 0.4"),
-        ({"schedule": float("nan")}, "duty must lie"),
-        ({"schedule": Schedule(1, 9, 0.1)}, "takes 0.2 s to wake up, longer than its on-time of 0.1 s"),
-        ({"warm_up": -1.0, "schedule": 0.5}, "warm_up must be a number of seconds, not negative; got -1.0"),
-        ({"filler": "guess"}, "filler must be one of hold, replicate.*got 'guess'"),
-    ],
-)
-def test_what_no_gyroscope_can_follow_is_refused(walk, options, message):
-    with pytest.raises(ValueError, match=message):
-        duty_cycled_gyro.prepared(walk[0], DutyCycledOptions(**options))
-
-
 def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
     recording = walk[0]
     with pytest.raises(RecordingError, match="needs 40 to 400 Hz; the recording has 25 Hz: .* a shank turns by up to"):
@@ -241,10 +225,3 @@ def test_in_a_loss_the_accelerometer_measures_nothing(walk):
     asleep = duty_cycled_gyro.prepared(recording, gyro_on={"shank_right": ~lost}).inputs.right.shank
     np.testing.assert_array_equal(asleep.on, ~lost)
     assert asleep.acc_measured.all()
-
-
-def test_a_lost_sample_is_no_movement(walk):
-    """Every fiftieth sample is lost: standing is found all the same, in the same place."""
-    recording = walk[0]
-    found = duty_cycled_gyro.prepared(hidden(recording, np.arange(len(times(recording))) % 50 == 7, "shank_left"))
-    assert found.standing == duty_cycled_gyro.prepared(recording).standing

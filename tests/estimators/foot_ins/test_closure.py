@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from made.rates import changed, factors_of
 
-import jgait
 from jgait import simulate
 from jgait.estimators import foot_ins
 from jgait.simulate.sensors import MPU6000
@@ -38,14 +37,3 @@ def test_a_wrong_sampling_rate_or_scale_is_noted_and_lengths_are_as_uncertain(wa
     valid = np.asarray(estimate.strides.valid)
     shares = np.asarray(estimate.strides_stddev.length)[valid] / np.asarray(estimate.strides.length)[valid]
     assert (shares > 0.35).all()
-
-
-def test_a_wrong_rate_of_all_sensors_makes_the_other_sensors_uncertain_too(walk):
-    recording, truth = walk
-    gait = jgait.analyse(changed(recording, FEET, clock=1.28), {"height": 1.75, "pendulum_constant": 1.05})
-    usual = jgait.analyse(recording, {"height": 1.75, "pendulum_constant": 1.05})
-    waist, was = (next(s.estimate for s in one.sources if s.name == "waist") for one in (gait, usual))
-    stddev, before = (float(one.diagnostics["distance_stddev"][-1]) for one in (waist, was))
-    assert stddev > 3.0 * before
-    short = abs(float(gait.estimate.distance[-1] - truth.estimate.distance[-1]))
-    assert short < 2.0 * float(np.ravel(gait.estimate.diagnostics["distance_stddev"])[-1])

@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 from made.foot import foot
 
-from jgait import tune
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
-from jgait.types import Walk
 
 ESTIMATOR = foot_ins.estimator()
 LIKELIHOOD = jax.jit(ESTIMATOR.likelihood, static_argnums=2)
@@ -50,14 +48,3 @@ def test_a_blow_counts_by_its_logarithm(recording):
         gaussian.append(float(ESTIMATOR.solve(p, made).diagnostics["log_likelihood_right"]))
     assert gaussian[0] - gaussian[1] > 1000.0
     assert 0.0 < heavy[0] - heavy[1] < 0.01 * (gaussian[0] - gaussian[1])
-
-
-@pytest.mark.release
-def test_the_loss_of_a_tuning_is_this_likelihood(recording):
-    made = tune.lessons(ESTIMATOR, [Walk(recording, None, {})], reference=False)
-    assert not made.failures
-    loss = tune.objective(ESTIMATOR, made.options, "likelihood")
-    lesson = made.lesson(0)
-    value, slope = jax.jit(jax.value_and_grad(loss))(jax.tree.map(float, FootParams()), lesson)
-    np.testing.assert_allclose(value, -LIKELIHOOD(FootParams(), lesson.inputs, made.options), rtol=1e-12)
-    assert all(getattr(slope, name) != 0.0 for name in ("velocity_noise", "acc_noise", "gyr_noise", "acc_jump_noise"))

@@ -12,18 +12,14 @@ from experiments.common import protocols
 from jgait import simulate
 from jgait.estimators import ankle_stride, leg_ekf, programs
 from jgait.estimators.interface import pad
-from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams, one_side
+from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams
 from jgait.estimators.leg_ekf import model as leg_model
-from jgait.estimators.leg_ekf.estimator import observe, walked
-from jgait.estimators.leg_ekf.inclination import Inclination
+from jgait.estimators.leg_ekf.estimator import walked
 from jgait.estimators.leg_ekf.inputs import LegInputs
 from jgait.simulate.sensors import IDEAL
-from jgait.tune import losses
 from jgait.types import SIDES, Recording, RecordingError
 
 RATE = 50.0
-SAMPLES = 512
-FILTER = DEFAULT._replace(smooth=False, distance="stance")  # a program less than half as large
 
 
 def run(p, inputs: LegInputs, options):
@@ -101,23 +97,6 @@ def test_ideal_sensors_give_the_true_angles_and_foot_path(walk):
     assert worst(result, truth, "x") < 0.04
     assert worst(result, truth, "y") < 0.02
     assert bool(np.all(result.valid))
-
-
-def test_the_muscle_that_the_knee_moves_is_taken_off_the_thigh_s_sensor(walk):
-    inputs = prepared(walk[0])
-    time = np.asarray(inputs.time)
-    thigh, shank = 0.4 * np.sin(5.0 * time), 0.5 * np.cos(5.0 * time) - 0.5
-    gain, pull = 1.1, 0.15
-    sensor = (thigh + pull * (thigh - shank)) / gain
-    plain = one_side(LegParams(), 0)
-    p = plain._replace(thigh_gain=gain, thigh_pull=pull, standing_hip=0.1, standing_knee=0.2)
-    seen = [Inclination(angle, np.gradient(angle, time), np.full_like(time, 1e-4)) for angle in (sensor, shank)]
-    observed, control, _ = observe(p, inputs.right, tuple(seen), inputs, DEFAULT)
-    np.testing.assert_allclose(observed.thigh_inclination, leg_model.STANDING + 0.1 + thigh, atol=1e-12)
-    np.testing.assert_allclose(observed.shin_inclination, leg_model.STANDING - 0.1 + shank, atol=1e-12)
-    np.testing.assert_allclose(observed.thigh_gyro, np.gradient(thigh, time), atol=1e-9)
-    larger, alone = control[0], observe(plain, inputs.right, tuple(seen), inputs, DEFAULT)[1][0]
-    np.testing.assert_allclose(larger / alone, (1.1**2 + 0.15**2) / 1.15**2)
 
 
 def test_deviations_contain_the_standing_pose_and_grow_with_the_angle(walk):
@@ -203,73 +182,11 @@ def test_turning_the_sensor_with_its_mount_changes_nothing(noisy, plain):
 
 
 @pytest.mark.release
-def test_without_accelerometers_the_gyroscopes_alone_serve(noisy):
-    recording, truth = noisy
-    result = leg_ekf.estimate(parameters(truth), altered(recording, acc=lambda _: None))
-    assert any("no accelerometer" in note for note in texts(result.diagnostics["notes"]))
-    assert np.degrees(worst(result, truth, "hip_angle")) < 10.0
-
-
-@pytest.mark.release
 def test_paper_pipeline_runs_at_50_hz_and_drifts_more(noisy, plain):
     recording, truth = noisy
     paper = leg_ekf.estimate(parameters(truth), recording, PAPER)
     assert worst(plain, truth, "hip_angle") < worst(paper, truth, "hip_angle")
     assert 1.0 / np.median(np.diff(paper.time)) == pytest.approx(50.0)
-
-
-def padded(recording: Recording) -> LegInputs:
-    return jax.tree.map(jnp.asarray, pad(prepared(recording), SAMPLES))
-
-
-def _objective(inputs: LegInputs, truth, options):
-    reference = jax.tree.map(lambda v: jnp.pad(jnp.asarray(v), (0, SAMPLES - len(truth.time)), mode="edge"),
-                             truth._replace(diagnostics={}, stddev=None))  # fmt: skip
-    walking = inputs.valid & ~inputs.still
-
-    def loss(vector, p):
-        q = p._replace(
-            thigh_length=BySide(vector[0], p.thigh_length.left),
-            shank_length=BySide(vector[1], p.shank_length.left),
-            angle_noise=jnp.exp(vector[2]),
-            gyro_noise=jnp.exp(vector[3]),
-        )
-        return losses.trajectory(leg_ekf.run(q, inputs, options), reference, window=walking)
-
-    return loss
-
-
-@pytest.mark.release
-def test_gradients_of_a_loss_by_the_reverse_mode_equal_finite_differences(noisy):
-    recording, truth = noisy
-    p = parameters(truth)
-    # R a hundred times as large, so that the noise settings matter at all
-    options = FILTER._replace(gravity=False)
-    found = jax.jit(jax.value_and_grad(_objective(padded(right_leg(recording)), truth, options)))
-    at = jnp.array([p.thigh_length.right, p.shank_length.right, jnp.log(0.5), jnp.log(100.0)])
-    gradient = np.asarray(found(at, p)[1])
-    for k in range(4):
-        step = np.zeros(4)
-        step[k] = 1e-4
-        near, far = (float(found(at + n * step, p)[0] - found(at - n * step, p)[0]) for n in (1, 2))
-        by_hand = (8.0 * near - far) / (12.0 * 1e-4)
-        assert gradient[k] == pytest.approx(by_hand, rel=1e-5, abs=1e-7)
-    assert np.all(np.abs(gradient) > 0.0)
-
-
-@pytest.mark.release
-def test_gradients_of_a_loss_are_finite_in_float32(noisy):
-    recording, truth = noisy
-    p = parameters(truth)
-    options = FILTER
-    inputs = padded(right_leg(recording))
-    single = jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, inputs)
-    p32 = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), p)
-    truth32 = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32) if np.asarray(v).dtype.kind == "f" else v, truth)
-    gradient = jax.jit(jax.grad(_objective(single, truth32, options)))(
-        jnp.array([p.thigh_length.right, p.shank_length.right, 0.0, 0.0], jnp.float32), p32
-    )
-    assert bool(np.all(np.isfinite(gradient)))
 
 
 def test_the_transition_is_equation_5_and_its_jacobian_equation_6():

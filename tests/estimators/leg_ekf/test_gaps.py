@@ -3,11 +3,10 @@
 import jax
 import numpy as np
 import pytest
-from made.estimators import altered, hidden, part, without
+from made.estimators import hidden, part, without
 
 from jgait import simulate
 from jgait.estimators import leg_ekf
-from jgait.estimators.leg_ekf.prepare import common_clock
 from jgait.simulate.sensors import OPAL
 from jgait.types import RecordingError
 
@@ -72,11 +71,6 @@ def test_nobody_stands_in_samples_that_are_lost_at_the_start(walk, whole):
 def test_a_rate_that_is_too_low_is_refused(walk):
     with pytest.raises(RecordingError, match="needs 40 Hz or more; the recording has 25 Hz"):
         estimate(part(walk, slice(None, None, 4))._replace(sampling_rate_hz=25.0))
-
-
-def test_a_clock_a_little_slower_than_the_least_rate_is_taken(walk):
-    slow = altered(walk, time=lambda time: np.arange(len(time)) * 0.02505)._replace(sampling_rate_hz=39.92)
-    assert common_clock(slow, ("right",))[1].size
 
 
 def test_half_the_rate_and_single_lost_samples_bend_no_knee(walk, whole):
