@@ -16,7 +16,6 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     DutyInputs,
     PlanarSegment,
     SegmentEstimate,
-    ShinState,
     ThighState,
 )
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
@@ -74,6 +73,22 @@ class LiteralObservation(NamedTuple):
     down_acceleration: Any
     forward_acceleration: Any
     rate: Any
+
+
+class ShinState(NamedTuple):
+    """The paper's eleven states: as `ThighState` for the shin's sensor, relative to the hip, with both angles."""
+
+    down: Values
+    down_velocity: Values
+    down_acceleration: Values
+    forward: Values
+    forward_velocity: Values
+    forward_acceleration: Values
+    velocity_bias: Values
+    thigh_angle: Values  #: θ₁ [rad].
+    thigh_rate: Values  #: ω₁ [rad/s].
+    angle: Values  #: θ₂, of the shank from hanging straight down, positive forward [rad].
+    rate: Values  #: ω₂ [rad/s].
 
 
 def thigh_transition(params: LiteralParams, state: ThighState, control: Any, dt: Any) -> ThighState:

@@ -9,7 +9,7 @@ from made.observability import observability_rank
 from experiments.bennett2013 import literal as bennett2013_literal
 from experiments.potter import literal as potter_literal
 from experiments.udaya2010 import literal as udaya
-from jgait.estimators.duty_cycled_gyro.model_params import ShinState, ThighState
+from jgait.estimators.duty_cycled_gyro.model_params import ThighState
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.stride_width_ekf import model as width_model
 from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
@@ -17,7 +17,7 @@ from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, W
 T = 0.02
 STATES = (
     ThighState(0.2, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.3, 2.0),
-    ShinState(0.6, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.2, 1.0, -0.3, 2.0),
+    udaya.ShinState(0.6, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.2, 1.0, -0.3, 2.0),
 )
 
 

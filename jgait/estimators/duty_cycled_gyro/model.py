@@ -74,6 +74,7 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
 )
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.filtering import Belief, Covariance, Model, Posterior
+from jgait.filtering.covariance import Layout
 from jgait.geometry.vectors import GRAVITY
 from jgait.types import Flags, Values
 
@@ -92,24 +93,22 @@ def thigh_transition(params: LinkParams, state: ThighState, control: DutyControl
 
 def shin_transition(params: LinkParams, state: ShinState, control: DutyControl, dt: Values) -> ShinState:
     """Transition of the shin's filter, which includes the thigh's angle (deviation 5)."""
-    moved = thigh_transition(params, _own(state), control, dt)
-    return _behind(moved, state.thigh_angle + dt * state.thigh_rate, state.thigh_rate)
+    shin = thigh_transition(params, state.shin, control, dt)
+    return ShinState(shin, state.thigh_angle + dt * state.thigh_rate, state.thigh_rate)
 
 
-def _own(state: ShinState) -> ThighState:
-    """The shin's state without the thigh's angle and rate."""
-    return ThighState(*state[:7], state.angle, state.rate)
+def _white_acceleration(noise: Values, angle: str, rate: str, dt: Values) -> dict[tuple[str, str], Values]:
+    return {(angle, angle): noise * dt**3 / 3.0, (angle, rate): noise * dt**2 / 2.0, (rate, rate): noise * dt}
 
 
-def _behind(state: ThighState, thigh_angle: Values, thigh_rate: Values) -> ShinState:
-    """The shin's state from the state of its segment and the thigh's angle and rate."""
-    return ShinState(*state[:7], thigh_angle, thigh_rate, *state[7:])
-
-
-def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Values, dt: Values) -> Covariance:
-    """Q: integrated white jerk, integrated white angular acceleration, random walk of the bias (deviations 1, 2)."""
-    s, w = params.acceleration_noise, params.angle_noise
-    entries = {("velocity_bias", "velocity_bias"): params.bias_noise * dt}
+def thigh_transition_noise(params: LinkParams, state: ThighState, control: DutyControl, dt: Values) -> Covariance:
+    """Q of the thigh, integrated white jerk, σ [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T], of both directions, random
+    walk of the bias, and integrated white angular acceleration (deviations 1, 2).
+    """
+    del control
+    s = params.acceleration_noise
+    entries = _white_acceleration(params.angle_noise, "angle", "rate", dt)
+    entries["velocity_bias", "velocity_bias"] = params.bias_noise * dt
     for way in ("down", "forward"):
         velocity, acceleration = f"{way}_velocity", f"{way}_acceleration"
         entries |= {
@@ -120,21 +119,14 @@ def _noise(params: LinkParams, pairs: tuple[tuple[str, str], ...], like: Values,
             (velocity, acceleration): s * dt**2 / 2.0,
             (acceleration, acceleration): s * dt,
         }
-    for angle, rate in pairs:
-        entries |= {(angle, angle): w * dt**3 / 3.0, (angle, rate): w * dt**2 / 2.0, (rate, rate): w * dt}
-    return Covariance.from_variances(like(*(0.0 for _ in like._fields))).with_entries(entries)
-
-
-def thigh_transition_noise(params: LinkParams, state: ThighState, control: DutyControl, dt: Values) -> Covariance:
-    """Q of the thigh: σ [T⁵/20, T⁴/8, T³/6; ·, T³/3, T²/2; ·, ·, T] twice, the bias, the angle."""
-    del state, control
-    return _noise(params, (("angle", "rate"),), ThighState, dt)
+    return Covariance.from_variances(state._replace(**dict.fromkeys(state._fields, 0.0))).with_entries(entries)
 
 
 def shin_transition_noise(params: LinkParams, state: ShinState, control: DutyControl, dt: Values) -> Covariance:
     """Q of the shin: 11 × 11, with a block for each angle."""
-    del state, control
-    return _noise(params, (("thigh_angle", "thigh_rate"), ("angle", "rate")), ShinState, dt)
+    own = thigh_transition_noise(params, state.shin, control, dt)
+    entries = _white_acceleration(params.angle_noise, "thigh_angle", "thigh_rate", dt)
+    return Covariance.of(own.entries(), Layout.of(ShinState(*state))).with_entries(entries)
 
 
 def _read(params: LinkParams, state: ThighState, joint: tuple[Values, Values, Values, Values]) -> ThighObservation:
@@ -166,7 +158,7 @@ def shin_observation(params: LinkParams, state: ShinState, control: DutyControl)
     del control
     a, sin, cos = params.thigh_length, jnp.sin(state.thigh_angle), jnp.cos(state.thigh_angle)
     knee = (a * cos, a * sin, -a * sin * state.thigh_rate, a * cos * state.thigh_rate)
-    return ShinObservation(*_read(params, _own(state), knee), state.thigh_angle, state.thigh_rate)
+    return ShinObservation(_read(params, state.shin, knee), state.thigh_angle, state.thigh_rate)
 
 
 def thigh_observation_noise(params: LinkParams, state: ThighState, control: DutyControl) -> ThighObservation:
@@ -181,8 +173,8 @@ def thigh_observation_noise(params: LinkParams, state: ThighState, control: Duty
 
 def shin_observation_noise(params: LinkParams, state: ShinState, control: DutyControl) -> ShinObservation:
     """R of the shin's filter: as of the thigh, with the variances of the thigh's angle and rate."""
-    noise = thigh_observation_noise(params, _own(state), control)
-    return ShinObservation(*noise, control.thigh_angle_variance, control.thigh_rate_variance)
+    shin = thigh_observation_noise(params, state.shin, control)
+    return ShinObservation(shin, control.thigh_angle_variance, control.thigh_rate_variance)
 
 
 def thigh_standing(params: LinkParams, angle: Values, bias: Values, angle_variance: Values) -> Belief:
@@ -202,8 +194,8 @@ def shin_standing(params: LinkParams, angle: Values, bias: Values, angle_varianc
     m, v = standing.mean, standing.cov.variances()
     zero = jnp.zeros_like(m.angle)
     wider = v._replace(down=v.down + a * a * angle_variance, forward=v.forward + a * a * angle_variance)
-    variances = _behind(wider, v.angle, v.rate)
-    return Belief(_behind(m._replace(down=m.down + a), zero, zero), Covariance.from_variances(variances))
+    variances = ShinState(wider, v.angle, v.rate)
+    return Belief(ShinState(m._replace(down=m.down + a), zero, zero), Covariance.from_variances(variances))
 
 
 def _thigh_initial(params: LinkParams) -> Belief:
@@ -260,7 +252,7 @@ def _below(
     control = control._replace(
         thigh_angle_variance=thigh.angle_stddev**2 * spread, thigh_rate_variance=thigh.rate_stddev**2
     )
-    return ShinObservation(*observation, thigh.angle, thigh.rate), control, ShinObservation(*mask, valid, valid)
+    return ShinObservation(observation, thigh.angle, thigh.rate), control, ShinObservation(mask, valid, valid)
 
 
 def standing(
@@ -292,16 +284,12 @@ def over(
         observed: PyTree = observe(p, segment, dt, still, valid, accelerometers=accelerometers)
         observations, controls, mask = observed if thigh is None else _below(observed, thigh, dt, valid)
         posterior = filtering.kalman_filter(
-            THIGH if thigh is None else SHIN,
-            params,
-            observations,
-            controls=controls,
-            dt=dt,
-            mask=mask,
-            initial=before,
+            THIGH if thigh is None else SHIN, params, observations, controls=controls, dt=dt, mask=mask, initial=before,
             method=method,
-        )
+        )  # fmt: skip
         mean, deviation = posterior.mean, posterior.cov.stddev()
+        if thigh is not None:
+            mean, deviation = mean.shin, deviation.shin
         every.append(SegmentEstimate(
             mean.angle, mean.rate, deviation.angle, deviation.rate, mean.rate - mean.velocity_bias / lever,
             posterior.nis, posterior.count, posterior.log_likelihood, posterior.valid,

@@ -26,19 +26,11 @@ class ThighState(NamedTuple):
 
 
 class ShinState(NamedTuple):
-    """The paper's eleven states: as `ThighState` for the shin's sensor, relative to the hip, with both angles."""
+    """The paper's eleven states: those of the shin's sensor relative to the hip, and the thigh's angle and rate."""
 
-    down: Values
-    down_velocity: Values
-    down_acceleration: Values
-    forward: Values
-    forward_velocity: Values
-    forward_acceleration: Values
-    velocity_bias: Values
+    shin: ThighState  #: its angle θ₂ and rate ω₂ are those of the shank.
     thigh_angle: Values  #: θ₁ [rad].
     thigh_rate: Values  #: ω₁ [rad/s].
-    angle: Values  #: θ₂, of the shank from hanging straight down, positive forward [rad].
-    rate: Values  #: ω₂ [rad/s].
 
 
 class LinkParams(NamedTuple):
@@ -69,20 +61,11 @@ class ThighObservation(NamedTuple):
 
 
 class ShinObservation(NamedTuple):
-    """Observations of the shin's filter: as `ThighObservation`, and the thigh's angle and rate."""
+    """Observations of the shin's filter: those of its segment, and the estimates of the thigh's filter."""
 
-    acc_up: Values
-    acc_forward: Values
-    gyro: Values
-    link_down: Values
-    link_forward: Values
-    link_down_velocity: Values
-    link_forward_velocity: Values
-    rest_down: Values
-    rest_forward: Values
-    swing: Values
-    thigh_angle: Values  #: θ₁, estimate of the thigh's filter [rad].
-    thigh_rate: Values  #: ω₁, estimate of the thigh's filter [rad/s].
+    shin: ThighObservation
+    thigh_angle: Values  #: θ₁ [rad].
+    thigh_rate: Values  #: ω₁ [rad/s].
 
 
 class DutyControl(NamedTuple):

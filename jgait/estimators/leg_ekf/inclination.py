@@ -21,7 +21,8 @@ import jax.numpy as jnp
 from jgait.estimators.leg_ekf.inputs import UNREST_S, LegInputs, Segment
 from jgait.estimators.sides import entries
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.vectors import GRAVITY, Three, Vector, as_array, cross, dot, vector
+from jgait.geometry.rotation import rotated, small_turn
+from jgait.geometry.vectors import GRAVITY, Three, as_array, vector
 from jgait.params import Param, Parameter, documented, positive
 from jgait.types import Flags, Maybe, Values
 
@@ -69,16 +70,6 @@ class InclinationNoise(NamedTuple):
     )] = 0.02  # fmt: skip
 
 
-def _rotate_back(u: Vector, w: Vector) -> Vector:
-    """exp(−[w]×) u; the sine and cosine factors are power series in |w|², exact to 1e-9 for |w| ≤ 1 rad."""
-    a = dot(w, w)
-    sine = 1.0 - a / 6.0 * (1.0 - a / 20.0 * (1.0 - a / 42.0 * (1.0 - a / 72.0)))
-    cosine = 0.5 * (1.0 - a / 12.0 * (1.0 - a / 30.0 * (1.0 - a / 56.0)))
-    wu = cross(w, u)
-    wwu = cross(w, wu)
-    return Vector(*(x - sine * y + cosine * z for x, y, z in zip(u, wu, wwu, strict=True)))
-
-
 def _initial(params: InclinationNoise) -> Belief:
     return prior(jnp.zeros(3, jnp.result_type(params.gyro_noise)), 1e-4, 0.0)
 
@@ -87,8 +78,8 @@ def _transition(
     params: InclinationNoise, state: InclinationState, control: InclinationControl, dt: Values
 ) -> InclinationState:
     del params
-    w = vector((control.rate - state.bias) * dt)
-    return InclinationState(as_array(_rotate_back(vector(state.up), w)), state.bias)
+    back = small_turn(vector((state.bias - control.rate) * dt))
+    return InclinationState(as_array(rotated(back, vector(state.up))), state.bias)
 
 
 def unknown_turn(since: Values, dt: Values) -> Values:

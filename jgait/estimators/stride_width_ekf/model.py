@@ -18,10 +18,11 @@ with the position during stance; such a covariance has no inverse, and smoothing
 Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
 """
 
-from itertools import combinations_with_replacement
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from jgait.filtering import Belief, Covariance, Model
 from jgait.types import SIDES, Flags, Values
@@ -100,43 +101,27 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
     return WidthState(**moved)
 
 
-def _foot_noise(params: WidthModelParams, heading: Values, foot: PathControl) -> dict[tuple[str, str], Values]:
-    """V R Vᵀ of one foot's way and turn: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride and
-    rotates it. V is written out, since only Δθ rotates the displacement.
-    """
-    shift = params.position_noise * foot.way + foot.lost
-    swing = foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)
-    turned = jnp.minimum(foot.lost, LOST_TURN)
-    s, c = jnp.sin(heading + foot.turn), jnp.cos(heading + foot.turn)
-    turned_x, turned_y = -foot.dx * s - foot.dy * c, foot.dx * c - foot.dy * s
-    return {
-        ("x", "x"): shift + swing * turned_x**2, ("y", "y"): shift + swing * turned_y**2,
-        ("x", "y"): swing * turned_x * turned_y, ("heading", "x"): swing * turned_x, ("heading", "y"): swing * turned_y,
-        ("heading", "heading"): swing + turned,
-    }  # fmt: skip
-
-
-_MOVED = {
-    side: {"apart_x": "x", "apart_y": "y", f"moved_x_{side}": "x", f"moved_y_{side}": "y", f"heading_{side}": "heading"}
-    for side in SIDES
-}
-_MOVED["right"] |= {"x_right": "x", "y_right": "y"}
-"""Side → component of the state that a foot moves → by its way along x or y or its turn."""
-
-
 def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> Covariance:
-    """V R Vᵀ of equation 4; the right foot's way brings the left foot as much nearer."""
-    del dt
-    entries: dict[tuple[str, str], Values] = {}
-    for side, foot in zip(SIDES, control, strict=True):
-        noise, parts = _foot_noise(params, getattr(state, f"heading_{side}"), foot), _MOVED[side]
-        for (a, of_a), (b, of_b) in combinations_with_replacement(parts.items(), 2):
-            value = noise[min(of_a, of_b), max(of_a, of_b)]
-            nearer = side == "right" and a.startswith("apart") != b.startswith("apart")
-            value = -value if nearer else value
-            entries[a, b] = entries[a, b] + value if (a, b) in entries else value
-    zero = Covariance.from_variances(WidthState(*(0.0,) * len(WidthState._fields)))
-    return zero.with_entries(entries)
+    """V R Vᵀ of equation 4: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride. While samples
+    are lost, the heading is not known either.
+    """
+
+    def moved(errors: Array) -> Array:
+        right, left = (
+            foot._replace(dx=foot.dx + x, dy=foot.dy + y, turn=foot.turn + turn)
+            for foot, (x, y, turn) in zip(control, (errors[:3], errors[3:]), strict=True)
+        )
+        return jnp.stack(transition(params, state, WidthControl(right, left), dt))
+
+    variances = []
+    for foot in control:
+        shift = params.position_noise * foot.way + foot.lost
+        variances += [shift, shift, foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)]
+    V = jax.jacfwd(moved)(jnp.zeros(6, state.heading_right.dtype))
+    lost = {f"heading_{side}": jnp.minimum(foot.lost, LOST_TURN) for side, foot in zip(SIDES, control, strict=True)}
+    more = jnp.stack([lost.get(name, jnp.zeros_like(V[0, 0])) for name in WidthState._fields])
+    Q = jnp.sum(V[:, None] * V[None] * jnp.stack(variances)[None, None], axis=2)
+    return Covariance.from_dense(Q + jnp.diag(more), state)
 
 
 def between(state: WidthState) -> WidthObservation:

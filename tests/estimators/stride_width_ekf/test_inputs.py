@@ -1,7 +1,6 @@
 """The model's equations, and what is decided before it runs: readings, turns, contacts, bad input."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.footsteps import drifting, footsteps
@@ -58,27 +57,6 @@ def test_equation_6():
     # 0.3 m to the right of the left foot and 0.1 m ahead of it.
     beside = WidthState(0.0, 0.0, 0.0, -0.1, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert tuple(model.between(beside)) == pytest.approx((0.3, 0.1))
-
-
-def test_process_noise_is_that_of_the_controls():
-    p = sw.WidthParams()
-    state = WidthState(*map(jnp.asarray, STATE))
-
-    def moved(errors):
-        right, left = (
-            foot._replace(dx=foot.dx + e[0], dy=foot.dy + e[1], turn=foot.turn + e[2])
-            for foot, e in zip(CONTROL, (errors[:3], errors[3:]), strict=True)
-        )
-        return jnp.stack(model.transition(model_params(p), state, WidthControl(right, left), 1.0))
-
-    V = jax.jacfwd(moved)(jnp.zeros(6))
-    variances = []
-    for foot in CONTROL:
-        shift = p.position_noise**2 * foot.way
-        swing = foot.leaves * (p.heading_noise**2 + (p.turn_noise * foot.turn) ** 2)
-        variances += [shift, shift, swing]
-    Q = np.asarray(model.transition_noise(model_params(p), state, CONTROL, 1.0).dense())
-    np.testing.assert_allclose(Q, (V * jnp.asarray(variances)[None, :]) @ V.T, atol=1e-15)
 
 
 def test_a_passing_counts_once_and_a_late_echo_not(walk):
