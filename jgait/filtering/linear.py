@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jgait.filtering.covariance import Covariance, Places, Tree, placed
+from jgait.filtering.covariance import Covariance, Entries, Places, Tree, placed
 from jgait.filtering.methods import CKF, UKF, Method
 from jgait.filtering.model import Shape
 from jgait.filtering.regression import regressed_observation, regressed_transition
@@ -76,16 +76,15 @@ class Linear:
         x, delta, control = list(x), list(delta)[: self.size], list(control)
 
         def moved(params: list[Array], given: tuple[list[Array], Array], x: list[Array]) -> list[Array]:
-            u, dt = given
-            after = shape.model.transition(*self.unpacked(params, x, u), dt)
-            return shape.arrays(shape.state.components(after, shape.dtype, "what transition returns"))
+            p, u = self.unpacked(params, given[0])
+            return shape.arrays(shape.transition(p, x, u, given[1]))
 
         def apart(_: Tree, after: list[Array], x: list[Array]) -> list[Array]:
             return shape.local(after, x)
 
         def noise(params: list[Array], x: list[Array], u: list[Array], dt: Array) -> list[Array]:
-            covariance = shape.model.transition_noise(*self.unpacked(params, x, u), dt)
-            return distinct(shape.noise(covariance, shape.error, "what transition_noise returns"), places, shape)
+            p, control = self.unpacked(params, u)
+            return distinct(shape.transition_noise(p, x, control, dt), places, shape)
 
         if isinstance(method := self.method, UKF | CKF):
 
@@ -116,9 +115,9 @@ class Linear:
         """The components of x ⊕ d, as `pushed` takes a function."""
         return self.shape.retract(x, d)
 
-    def unpacked(self, params: list[Array], x: list[Array], control: list[Array]) -> tuple[Tree, Tree, Tree]:
-        """Parameters, state and control as the model's functions take them."""
-        return self.shape.params.unflatten(params), self.shape.state.tuple(x), self.shape.control.tuple(control)
+    def unpacked(self, params: list[Array], control: list[Array]) -> tuple[Tree, Tree]:
+        """Parameters and control as the model's functions take them."""
+        return self.shape.params.unflatten(params), self.shape.control.tuple(control)
 
     def observation(
         self, x: Rows, control: Rows, measured: Rows, visible: Rows, at: Rows | None = None, P: Matrices | None = None
@@ -131,9 +130,8 @@ class Linear:
         x, control, measured, visible = map(list, (x, control, measured, visible))
 
         def shown(params: list[Array], u: list[Array], x: list[Array]) -> list[Array]:
-            observation = shape.model.observation(*self.unpacked(params, x, u))
-            every = shape.arrays(shape.observed.components(observation, shape.dtype, "what observation returns"))
-            return [every[i] for i in shape.measured]
+            p, u = self.unpacked(params, u)
+            return shape.arrays(shape.observation(p, x, u))
 
         def apart(_: Tree, expected: list[Array], y: list[Array]) -> list[Array]:
             return shape.residual(y, expected)
@@ -143,11 +141,9 @@ class Linear:
             expected: list[Array],
         ) -> tuple[list[Array], list[Array]]:  # fmt: skip
             filled = [jnp.where(s, y, e) for s, y, e in zip(visible, measured, expected, strict=True)]
-            covariance = shape.model.observation_noise(*self.unpacked(params, x, u))
-            spread = shape.noise(covariance, shape.observed, "what observation_noise returns")
-            row = {place: i for i, place in enumerate(shape.measured)}
-            known = {(row[i], row[j]): v for (i, j), v in spread.entries().items() if i in row and j in row}
-            return shape.residual(filled, expected), distinct(Covariance.of(known, spread.layout), places, shape)
+            p, control = self.unpacked(params, u)
+            R = distinct(shape.observation_noise(p, x, control), places, shape)
+            return shape.residual(filled, expected), R
 
         about = [jnp.zeros_like(x[0])] * self.size if at is None else list(at)[: self.size]
         shift: Array | float = 0.0
@@ -176,9 +172,8 @@ class Linear:
         return jnp.where(here[:, None], H, 0.0), R, jnp.where(here, e, 0.0)
 
 
-def distinct(noise: Covariance, places: list[Places], shape: Shape) -> list[Array]:
+def distinct(entries: Entries, places: list[Places], shape: Shape) -> list[Array]:
     """The distinct values of a noise matrix as arrays; `places` gets the rows and columns of each."""
-    if noise.places is None:
-        noise = Covariance.of(noise.entries(), noise.layout)
+    noise = Covariance.of(entries, shape.error)
     places[:] = noise.places or ()
     return shape.arrays(list(noise.values))

@@ -4,7 +4,7 @@ States, observations and controls are NamedTuples whose fields are scalars, arra
 be an object of another library that is a pytree of arrays. The same names address the entries of a covariance.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree, PyTreeDef
 
-from jgait.filtering.covariance import Covariance, Layout, Scalar, Tree
+from jgait.filtering.covariance import Covariance, Entries, Layout, Scalar, Tree
 from jgait.notes import record
 
 
@@ -111,6 +111,29 @@ class Shape:
         difference = self.model.residual(whole(measured), whole(expected))
         every = self.arrays(self.observed.components(difference, self.dtype, "what residual returns"))
         return [every[i] for i in self.measured]
+
+    def transition(self, params: Tree, x: Sequence[Scalar], control: Tree, dt: Scalar) -> list[Scalar]:
+        """The components of the state after dt."""
+        after = self.model.transition(params, self.state.tuple(x), control, dt)
+        return self.state.components(after, self.dtype, "what transition returns")
+
+    def transition_noise(self, params: Tree, x: Sequence[Scalar], control: Tree, dt: Scalar) -> Entries:
+        """Q."""
+        noise = self.model.transition_noise(params, self.state.tuple(x), control, dt)
+        return self.noise(noise, self.error, "what transition_noise returns").entries()
+
+    def observation(self, params: Tree, x: Sequence[Scalar], control: Tree) -> list[Scalar]:
+        """The components of the expected observation that are ever measured."""
+        expected = self.model.observation(params, self.state.tuple(x), control)
+        every = self.observed.components(expected, self.dtype, "what observation returns")
+        return [every[i] for i in self.measured]
+
+    def observation_noise(self, params: Tree, x: Sequence[Scalar], control: Tree) -> Entries:
+        """R, of the components that are ever measured."""
+        noise = self.model.observation_noise(params, self.state.tuple(x), control)
+        every = self.noise(noise, self.observed, "what observation_noise returns").entries()
+        row = {place: i for i, place in enumerate(self.measured)}
+        return {(row[i], row[j]): value for (i, j), value in every.items() if i in row and j in row}
 
     def noise(self, noise: Covariance | Tree, layout: Layout, what: str) -> Covariance:
         """A `Covariance`, or that of a tuple of variances; raises ValueError if it is of another type than expected."""

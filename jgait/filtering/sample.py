@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
-from jgait.filtering.covariance import Covariance, Layout, Numbers, Tree
+from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Tree
 from jgait.filtering.inputs import common_dtype, shape_of
 from jgait.filtering.model import Model
 
@@ -38,30 +38,25 @@ def draw(
     shape = shape_of(model, params, controls, belief.mean, observed, dtype)
     state = shape.state
 
-    def components(tree: Tree, layout: Layout, what: str) -> list[Array]:
-        return shape.arrays(layout.components(tree, dtype, what))
-
-    def shocks(noise: Covariance | Tree, layout: Layout, normal: Array, what: str) -> Array:
+    def shocks(entries: Entries, layout: Layout, normal: Array) -> Array:
         """A draw with a covariance, which may be singular, from independent normal numbers (n,)."""
-        values, vectors = jnp.linalg.eigh(shape.noise(noise, layout, what).dense().astype(dtype))
+        values, vectors = jnp.linalg.eigh(Covariance.of(entries, layout).dense().astype(dtype))
         return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ normal
 
     def body(x: Array, sample: tuple[Array, Array, Tree, Array]) -> tuple[Array, tuple[Array, Array]]:
         shock, error, control, step = sample
-        now = state.split(x)
-        after = components(model.transition(params, now, control, step), state, "what transition returns")
-        noise = model.transition_noise(params, now, control, step)
-        x = jnp.stack(shape.retract(after, list(shocks(noise, shape.error, shock, "what transition_noise returns"))))
-        now = state.split(x)
-        reading = jnp.stack(components(model.observation(params, now, control), observed, "what observation returns"))
-        noise = model.observation_noise(params, now, control)
-        return x, (x, reading + shocks(noise, observed, error, "what observation_noise returns"))
+        noise = shape.transition_noise(params, list(x), control, step)
+        after = shape.arrays(shape.transition(params, list(x), control, step))
+        now = shape.retract(after, list(shocks(noise, shape.error, shock)))
+        reading = jnp.stack(shape.arrays(shape.observation(params, now, control)))
+        reading = reading + shocks(shape.observation_noise(params, now, control), observed, error)
+        return jnp.stack(now), (jnp.stack(now), reading)
 
     begin, process, sensing = jax.random.split(key, 3)
-    error = shocks(
-        belief.cov, shape.error, jax.random.normal(begin, (shape.error.size,), dtype), "the covariance of a belief"
-    )
-    start = jnp.stack(shape.retract(components(belief.mean, state, "the mean of a belief"), list(error)))
+    cov = shape.noise(belief.cov, shape.error, "the covariance of a belief").entries()
+    mean = shape.arrays(state.components(belief.mean, dtype, "the mean of a belief"))
+    error = shocks(cov, shape.error, jax.random.normal(begin, (shape.error.size,), dtype))
+    start = jnp.stack(shape.retract(mean, list(error)))
     normal = [
         jax.random.normal(k, (samples, of.size), dtype) for k, of in ((process, shape.error), (sensing, observed))
     ]

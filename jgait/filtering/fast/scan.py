@@ -26,9 +26,8 @@ from jgait.filtering.fast.components import (
     total,
     transposed,
     unknown,
-    upper,
 )
-from jgait.filtering.fast.step import Components, Reading, ScalarModel, advanced
+from jgait.filtering.fast.step import Components, Reading, advanced, triangle
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.methods import EKF, KF, Method
 
@@ -74,14 +73,16 @@ def forward(
 ) -> tuple[dict[str, Any], list[Array], Callable[[Iterable[Array]], Any]]:
     """The fields `keep`; and what the smoother needs: arrays, and the function from those of a sample to matrices."""
     shape = given.shape
-    size, dtype, model = shape.error.size, shape.dtype, ScalarModel(shape, given.params)
+    size, dtype = shape.error.size, shape.dtype
     series, at_sample = parted((given.measured, given.controls, given.dt, given.visible), jnp.ndim)
     matrices: list[Callable[[Iterable[Array]], Any]] = []
 
     def body(carry: Carry, leaves: list[Array]) -> tuple[Carry, tuple[dict[str, Any], list[Array]]]:
         measured, controls, dt, visible = at_sample(leaves)
         before = Components(carry[0], from_upper(carry[1], size))
-        fields, A, g = advanced(model, before, Reading(measured, shape.control.tuple(controls), dt, visible))
+        fields, A, g = advanced(
+            shape, given.params, before, Reading(measured, shape.control.tuple(controls), dt, visible)
+        )
         linear: list[Array] = []
         if smooth:
             gain, z = product(transposed(g.white_cross), g.inverse), [dot(c, g.white) for c in transposed(g.inverse)]
@@ -90,7 +91,7 @@ def forward(
         outputs = {name: arrays(fields[name], bool if name == "valid" else dtype) for name in keep}
         return arrays((fields["mean"], fields["cov"]), dtype), (outputs, arrays(linear, dtype))
 
-    start = arrays((given.mean, upper(model.matrix(given.cov, range(size)))), dtype)
+    start = arrays((given.mean, triangle(given.cov.entries(), size, dtype)), dtype)
     kept, linear = segmented(body, start, series)
     return kept, linear, matrices[0] if smooth else tuple
 

@@ -18,9 +18,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
 from jaxtyping import Array, PyTree
 
-from jgait.filtering.covariance import Covariance, Scalar
+from jgait.filtering.covariance import Entries, Scalar, Tree
 from jgait.filtering.fast.components import (
     Flag,
     Matrix,
@@ -46,48 +47,6 @@ from jgait.filtering.fast.tracing import Expansion
 from jgait.filtering.model import Shape
 
 LOG_2PI = math.log(2.0 * math.pi)
-
-
-class ScalarModel(NamedTuple):
-    """The functions of a model, with its parameters, on lists of scalars; see `jgait.filtering.Model`."""
-
-    shape: Shape
-    params: PyTree
-
-    def transition(self, x: Sequence[Scalar], control: PyTree, dt: Scalar) -> list[Scalar]:
-        """The state after dt."""
-        s = self.shape
-        moved = s.model.transition(self.params, s.state.tuple(x), control, dt)
-        return s.state.components(moved, s.dtype, "what transition returns")
-
-    def transition_noise(self, x: Sequence[Scalar], control: PyTree, dt: Scalar) -> Matrix:
-        """Q."""
-        s = self.shape
-        noise = s.model.transition_noise(self.params, s.state.tuple(x), control, dt)
-        return self.matrix(s.noise(noise, s.error, "what transition_noise returns"), range(s.error.size))
-
-    def observation(self, x: Sequence[Scalar], control: PyTree) -> list[Scalar]:
-        """The expected observation."""
-        s = self.shape
-        shown = s.model.observation(self.params, s.state.tuple(x), control)
-        every = s.observed.components(shown, s.dtype, "what observation returns")
-        return [every[i] for i in s.measured]
-
-    def observation_noise(self, x: Sequence[Scalar], control: PyTree) -> Matrix:
-        """R."""
-        s = self.shape
-        noise = s.model.observation_noise(self.params, s.state.tuple(x), control)
-        return self.matrix(s.noise(noise, s.observed, "what observation_noise returns"), s.measured)
-
-    def matrix(self, noise: Covariance, rows: Sequence[int]) -> Matrix:
-        """Some rows and columns of a noise matrix; numbers are known."""
-        entries = noise.entries()
-
-        def entry(i: int, j: int) -> Scalar:
-            value = entries.get((rows[i], rows[j]), 0.0)
-            return float(value) if isinstance(value, int | float) else jnp.asarray(value, self.shape.dtype)
-
-        return symmetric(len(rows), entry)
 
 
 class Components(NamedTuple):
@@ -121,10 +80,16 @@ class Gains(NamedTuple):
     health: Scalar  #: finite where all numbers are and S could be factored; elsewhere the belief is left unchanged.
 
 
-def advanced(model: ScalarModel, before: Components, sample: Reading) -> tuple[dict[str, Any], Matrix, Gains]:
+def triangle(entries: Entries, size: int, dtype: DTypeLike) -> list[Scalar]:
+    """The upper triangle of a noise matrix; numbers are known."""
+    values = (entries.get((i, j), 0.0) for i in range(size) for j in range(i, size))
+    return [float(v) if isinstance(v, int | float) else jnp.asarray(v, dtype) for v in values]
+
+
+def advanced(shape: Shape, params: Tree, before: Components, sample: Reading) -> tuple[dict[str, Any], Matrix, Gains]:
     """Predict, then update: fields of `Posterior` (covariances as upper triangles), A, and the terms of the update."""
-    prior, matrix, health = predicted(model, before, sample)
-    g = gains(model, prior, sample)
+    prior, matrix, health = predicted(shape, params, before, sample)
+    g = gains(shape, params, prior, sample)
     moves = [dot(column, g.white) for column in transposed(g.white_cross)]
     plan = pivots(g.matrix)
     cov = _joseph(prior.cov, g) if plan is None else _in_measured_coordinates(prior.cov, g, sample.visible, plan)
@@ -147,16 +112,16 @@ def advanced(model: ScalarModel, before: Components, sample: Reading) -> tuple[d
     return fields, matrix, g
 
 
-def predicted(model: ScalarModel, before: Components, sample: Reading) -> tuple[Components, Matrix, Scalar]:
+def predicted(shape: Shape, params: Tree, before: Components, sample: Reading) -> tuple[Components, Matrix, Scalar]:
     """The prediction, A, and a float that is finite where the transition was.
 
     The transition is linearised at the mean; where it is not finite, the identity without noise replaces it.
     """
     x, size = before.mean, len(before.cov)
     control, dt = sample.control, sample.dt
-    trace = Expansion(model.shape.dtype)
-    moved, slopes = trace.jacobian(lambda x: model.transition(x, control, dt), x)
-    entries = trace.call(lambda x: upper(model.transition_noise(x, control, dt)), x)
+    trace = Expansion(shape.dtype)
+    moved, slopes = trace.jacobian(lambda x: shape.transition(params, x, control, dt), x)
+    entries = trace.call(lambda x: triangle(shape.transition_noise(params, x, control, dt), size, shape.dtype), x)
     safe = {id(value) for value in (*x, dt)}
     health = barred(plus(_summary((*moved, *(e for row in slopes for e in row)), safe), _summary(entries)))
     good = sound(health)
@@ -173,12 +138,15 @@ def _summary(values: Sequence[Scalar], safe: Set[int] = frozenset()) -> Scalar:
     return total({id(value): value for value in values if not known(value) and id(value) not in safe}.values())
 
 
-def gains(model: ScalarModel, prior: Components, sample: Reading) -> Gains:
+def gains(shape: Shape, params: Tree, prior: Components, sample: Reading) -> Gains:
     """Linearise the observation at the prediction, and factor the innovation's covariance."""
     visible, count = sample.visible, len(sample.measured)
-    expected, matrix, innovation = _linearised(model, prior, sample)
-    trace = Expansion(model.shape.dtype)
-    entries = trace.call(lambda x: upper(model.observation_noise(x, sample.control)), prior.mean)
+    expected, matrix, innovation = _linearised(shape, params, prior, sample)
+    trace = Expansion(shape.dtype)
+    entries = trace.call(
+        lambda x: triangle(shape.observation_noise(params, x, sample.control), count, shape.dtype),
+        prior.mean,
+    )
     # What is not seen tells nothing, even where it is not finite.
     matrix = [[e if known(e) else where(s, e, 0.0) for e in row] for s, row in zip(visible, matrix, strict=True)]
     both = symmetric(count, lambda a, b: visible[a] if a == b else visible[a] & visible[b])
@@ -207,19 +175,21 @@ def _masked(visible: list[Flag], rows: Matrix) -> Matrix:
     return [[where(s, e, 0.0) for e in row] for s, row in zip(visible, rows, strict=True)]
 
 
-def _linearised(model: ScalarModel, prior: Components, sample: Reading) -> tuple[list[Scalar], Matrix, list[Scalar]]:
+def _linearised(
+    shape: Shape, params: Tree, prior: Components, sample: Reading
+) -> tuple[list[Scalar], Matrix, list[Scalar]]:
     """The expected observation at the prediction, its Jacobian, and the innovation."""
-    control, x, shape = sample.control, prior.mean, model.shape
+    control, x = sample.control, prior.mean
     trace = Expansion(shape.dtype)
     if shape.model.residual is None:
-        expected, matrix = trace.jacobian(lambda x: model.observation(x, control), x)
+        expected, matrix = trace.jacobian(lambda x: shape.observation(params, x, control), x)
         return expected, matrix, [minus(y, e) for y, e in zip(sample.measured, expected, strict=True)]
-    expected = trace.call(lambda x: model.observation(x, control), x)
+    expected = trace.call(lambda x: shape.observation(params, x, control), x)
 
     def shift(shown: list[Scalar], reference: list[Scalar]) -> list[Array]:
         return shape.residual(shape.arrays(shown), shape.arrays(reference))
 
-    matrix = trace.jacobian(lambda x: shift(model.observation(x, control), expected), x)[1]
+    matrix = trace.jacobian(lambda x: shift(shape.observation(params, x, control), expected), x)[1]
     measured = [where(s, y, e) for s, y, e in zip(sample.visible, sample.measured, expected, strict=True)]
     return expected, matrix, trace.call(shift, measured, expected)
 
