@@ -141,9 +141,8 @@ class Recorded:
         missing = count * self.segment - length  # filled up with padding: no interval, nothing measured
         longer = jax.tree.map(lambda v: jnp.pad(v, [(0, missing), *[(0, 0)] * (v.ndim - 1)]), samples)
         parts = jax.tree.map(lambda v: v.reshape(count, self.segment, *v.shape[1:]), longer)
-        begins = lax.scan(lambda begin, part: (lax.scan(filter_step(linear, ()), begin, part)[0], begin), begin, parts)[
-            1
-        ]
+        only = filter_step(linear, ())
+        begins = lax.scan(lambda begin, part: (lax.scan(only, begin, part)[0], begin), begin, parts)[1]
         outputs = lax.scan(
             lambda later, part: outputs_of(lax.scan(step, *part)[1], later), after, (begins, parts), reverse=True
         )[1]
