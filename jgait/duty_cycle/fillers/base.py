@@ -76,46 +76,26 @@ def check_signals(rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: f
     """The arguments of a filler in one floating type; rates of a gyroscope that is off are 0.
 
     Raises:
-        ValueError: if shapes or types do not fit, or the sampling rate is outside `RATES`.
+        ValueError: if the sampling rate is outside `RATES`.
     """
     if not RATES[0] <= sampling_rate_hz <= RATES[1]:
         raise ValueError(f"the sampling rate must lie between {RATES[0]:g} and {RATES[1]:g} Hz; got {sampling_rate_hz}")
-    values, on = jnp.asarray(rate), jnp.asarray(usable)
-    if values.ndim != 1 or values.shape[0] == 0 or not jnp.issubdtype(values.dtype, jnp.floating):
-        raise ValueError(f"rate must be (T,) floating point with T > 0; got {values.shape} {values.dtype}")
-    count, dtype = values.shape[0], values.dtype
-    if on.shape != (count,) or on.dtype != bool:
-        raise ValueError(f"usable must be ({count},) bool; got {on.shape} {on.dtype}")
-
-    def typed(signal: Float[AnyArray, "..."], shape: tuple[int, ...], name: str) -> Array:
-        array = jnp.asarray(signal)
-        if array.shape != shape:
-            raise ValueError(f"{name} must have shape {shape}; got {array.shape}")
-        return array.astype(dtype)
-
-    force = None if acc is None else typed(acc, (count, 3), "acc")
-    above = None
-    if thigh is not None:
-        above = Thigh(typed(thigh.rate, (count,), "thigh.rate"), typed(thigh.acc, (count, 3), "thigh.acc"))
-    return Signals(jnp.where(on, values, 0.0), on, force, above)
-
-
-def in_type[P](params: P, s: Signals) -> P:
-    """The parameters in the floating type of the signals."""
-    return jax.tree.map(lambda p: jnp.asarray(p).astype(s.rate.dtype), params)
+    dtype = jnp.asarray(rate).dtype
+    values, force, above = jax.tree.map(lambda v: jnp.asarray(v).astype(dtype), (rate, acc, thigh))
+    return Signals(jnp.where(usable, values, 0.0), jnp.asarray(usable), force, above)
 
 
 def started[P](
     rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, params: P, thigh: Thigh | None, *,
     needs_acc: bool = False,
 ) -> tuple[Signals, P]:  # fmt: skip
-    """The first stage of every filler: its arguments checked, and its parameters in the same floating type. Raises
-    ValueError as `check_signals`, or if the filler needs an accelerometer and there is none.
+    """The first stage of every filler: its arguments, and its parameters in the same floating type. Raises ValueError
+    as `check_signals`, or if the filler needs an accelerometer and there is none.
     """
     s = check_signals(rate, usable, acc, sampling_rate_hz, thigh)
     if needs_acc and s.acc is None:
         raise ValueError("this filler needs the signal of the accelerometer; acc is None")
-    return s, in_type(params, s)
+    return s, jax.tree.map(lambda p: jnp.asarray(p).astype(s.rate.dtype), params)
 
 
 def held(s: Signals) -> Float[Array, "time"]:
