@@ -29,12 +29,12 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jax import Array, jit, lax
+from jax import Array, jit, lax, tree
 from jax.typing import ArrayLike
 
 from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers import neighbours as gap_neighbours
-from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, Thigh, check_signals, finished, in_type, pushed
+from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, Thigh, check_signals, finished, pushed
 from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Sensor
 from jgait.params import fixed, interval, positive, real
@@ -179,7 +179,8 @@ def triggered(
     s = s._replace(rate=jnp.asarray(rate))
     lead, ahead = power.wake_samples(sensor, sampling_rate_hz), round(ahead_s * sampling_rate_hz)
     prices = jnp.asarray([sensor.on, sensor.waking, sensor.off], s.rate.dtype)
-    return _run(s, in_type(params, s), in_type(filler, s), prices, sampling_rate_hz, lead, ahead)
+    params, filler = tree.map(lambda p: jnp.asarray(p).astype(s.rate.dtype), (params, filler))
+    return _run(s, params, filler, prices, sampling_rate_hz, lead, ahead)
 
 
 @partial(jit, static_argnames=("sampling_rate_hz", "lead", "ahead"))
