@@ -78,17 +78,17 @@ class LiteralObservation(NamedTuple):
 class ShinState(NamedTuple):
     """The paper's eleven states: as `ThighState` for the shin's sensor, relative to the hip, with both angles."""
 
-    down: Values
-    down_velocity: Values
-    down_acceleration: Values
-    forward: Values
-    forward_velocity: Values
-    forward_acceleration: Values
-    velocity_bias: Values
-    thigh_angle: Values  #: θ₁ [rad].
-    thigh_rate: Values  #: ω₁ [rad/s].
-    angle: Values  #: θ₂, of the shank from hanging straight down, positive forward [rad].
-    rate: Values  #: ω₂ [rad/s].
+    down: Any
+    down_velocity: Any
+    down_acceleration: Any
+    forward: Any
+    forward_velocity: Any
+    forward_acceleration: Any
+    velocity_bias: Any
+    thigh_angle: Any  #: θ₁ [rad].
+    thigh_rate: Any  #: ω₁ [rad/s].
+    angle: Any  #: θ₂, of the shank from hanging straight down, positive forward [rad].
+    rate: Any  #: ω₂ [rad/s].
 
 
 def thigh_transition(params: LiteralParams, state: ThighState, control: Any, dt: Any) -> ThighState:
