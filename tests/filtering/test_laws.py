@@ -68,6 +68,21 @@ def test_an_all_false_mask_is_prediction_only(problem, execution):
     assert not np.any(np.asarray(blind.count))
 
 
+def test_what_is_hidden_for_good_is_left_out_and_as_if_masked_everywhere(problem):
+    model, p, observations, controls, dt, mask = problem
+    hidden, masked = (
+        filtering.kalman_smoother(
+            model, p, observations, controls=controls, dt=dt, mask=mask._replace(far=far), execution="core"
+        )
+        for far in (False, np.zeros(SAMPLES, bool))
+    )
+    assert hidden.filtered.innovation.far is None
+    for ours, theirs in zip((hidden.mean, hidden.cov.dense(), hidden.filtered.innovation.near, hidden.log_likelihood),
+                            (masked.mean, masked.cov.dense(), masked.filtered.innovation.near, masked.log_likelihood),
+                            strict=True):  # fmt: skip
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12), ours, theirs)
+
+
 @pytest.mark.parametrize("execution", ["core", "fast"])
 def test_gradients_are_finite_in_float32(problem, execution):
     p, *cast = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), problem[1:-1])
