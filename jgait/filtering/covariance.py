@@ -13,6 +13,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float, PyTree, PyTreeDef
 
 from jgait.geometry.arrays import xp
+from jgait.geometry.vectors import root
 from jgait.types import AnyArray
 
 Scalar = Float[Array, ""] | float
@@ -302,7 +303,7 @@ class Covariance:
 
     def stddev(self) -> PyTree:
         """Standard deviations, as a tuple of the error's type; 0, with gradient 0, where a variance is not positive."""
-        return jax.tree.map(_root, self.variances())
+        return jax.tree.map(root, self.variances())
 
     def dense(self) -> Float[Array, "*batch state state"]:
         """The whole matrix (..., n, n), components in the order of `names`."""
@@ -317,12 +318,6 @@ class Covariance:
     def __repr__(self) -> str:
         """The names of the components, without the entries."""
         return f"Covariance({', '.join(self.names)})"
-
-
-def _root(variance: Scalar) -> Array:
-    variance = xp.asarray(variance)
-    positive = variance > 0.0
-    return xp.where(positive, xp.sqrt(xp.where(positive, variance, 1.0)), 0.0)
 
 
 def placed(values: Sequence[Array], places: Sequence[Places], shape: tuple[int, ...], dtype: DTypeLike) -> Array:

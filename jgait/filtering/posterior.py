@@ -14,11 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jgait.filtering.covariance import Covariance, Layout, Tree
+from jgait.filtering.covariance import Covariance, Layout
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.model import Belief, Shape, reached
 from jgait.filtering.step import product, product_transposed
 from jgait.geometry.arrays import xp
+from jgait.geometry.vectors import root
 from jgait.notes import record
 from jgait.types import Counts, Maybe
 
@@ -147,9 +148,7 @@ def fields_of(
                 if name == "predicted_cov":
                     value = jnp.where(out["valid"][:, None, None], out["prior"], value)
             case "innovation_stddev":
-                positive = out["variance"] > 0.0
-                value = jnp.where(positive, jnp.sqrt(jnp.where(positive, out["variance"], 1.0)), 0.0)
-                value = jnp.where(out["valid"][:, None], value, 0.0)
+                value = jnp.where(out["valid"][:, None], root(out["variance"]), 0.0)
             case "count" | "log_likelihood":
                 visible = jnp.stack([jnp.broadcast_to(jnp.asarray(s), given.length) for s in given.visible], axis=1)
                 value = jnp.where(out["valid"], jnp.sum(visible, axis=1, dtype=shape.dtype), 0.0)
@@ -179,7 +178,7 @@ def inferred(
             lost = jnp.any(jnp.stack([jnp.any(jnp.isnan(leaf)) for leaf in params]))
             field_values["log_likelihood"] = jnp.where(lost, jnp.nan, field_values["log_likelihood"])
     named = dict.fromkeys(("mean", "predicted_mean"), shape.state.split)
-    named |= dict.fromkeys(("innovation", "innovation_stddev"), partial(_measured, shape))
+    named |= dict.fromkeys(("innovation", "innovation_stddev"), part_of(shape.observed, shape.measured).split)
     named |= dict.fromkeys(("cov", "predicted_cov"), partial(Covariance.from_dense, like=shape.error))
     fields = {name: named[name](v) if name in named else v for name, v in field_values.items() if name in FIELDS}
     if not smooth:
@@ -193,14 +192,6 @@ def inferred(
         matrix = matrix if inner == chosen else matrix[:, place[:, None], place[None]]
         cov = Covariance.from_dense(matrix, part_of(shape.error, chosen))
     return Inferred(shape.state.split(field_values["smoothed_mean"]), cov, posterior)
-
-
-def _measured(shape: Shape, values: Float[Array, "time measured"]) -> Tree:
-    """An observation tuple of arrays; None for a leaf that is never measured."""
-    if len(shape.measured) == shape.observed.size:
-        return shape.observed.split(values)
-    part = part_of(shape.observed, shape.measured)
-    return part.split(values)
 
 
 def part_of(layout: Layout, chosen: tuple[int, ...]) -> Layout:
