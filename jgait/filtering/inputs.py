@@ -120,15 +120,13 @@ def check_linear(given: Inputs, method: object) -> None:
     control = shape.control.tuple([leaf[0] for leaf in given.controls])
     dt = given.dt[0] if jnp.ndim(given.dt) else given.dt
     functions = {
-        "transition": (shape.state, lambda x: model.transition(given.params, shape.state.split(x), control, dt)),
-        "observation": (shape.observed, lambda x: model.observation(given.params, shape.state.split(x), control)),
+        "transition": lambda x: shape.transition(given.params, list(x), control, dt),
+        "observation": lambda x: shape.observation(given.params, list(x), control),
     }
-    for field, (layout, function) in functions.items():
+    for field, function in functions.items():
 
-        def vector(
-            x: Array, layout: Layout = layout, function: Callable[[Array], Tree] = function, field: str = field
-        ) -> Array:
-            return jnp.stack(shape.arrays(layout.components(function(x), shape.dtype, f"what {field} returns")))
+        def vector(x: Array, function: Callable[[Array], list[Scalar]] = function) -> Array:
+            return jnp.stack(shape.arrays(function(x)))
 
         if depends_on_place(vector, jnp.zeros(shape.state.size, shape.dtype)):
             name = getattr(getattr(model, field), "__name__", "")
