@@ -18,9 +18,7 @@ from made.estimators import CASES, OTHER_OPTIONS, Case, behind, lossy, part, wit
 
 from jgait import estimators, params, tune
 from jgait.estimators import programs
-from jgait.estimators.ankle_stride.inputs import AnkleSignals, capacity
-from jgait.estimators.interface import axes_of, pad, trimmed
-from jgait.estimators.leg_ekf.inputs import LegInputs
+from jgait.estimators.interface import pad, trimmed
 from jgait.tune import LOSSES, Lesson
 from jgait.tune.checks import start
 from jgait.tune.problem import Items, Problem, item_losses
@@ -440,18 +438,3 @@ def test_a_parameter_outside_its_range_is_refused_by_name(name):
         if math.isfinite(values[k]):
             with pytest.raises(ValueError, match=f"parameter '{parameter}' must lie in"):
                 record.estimate(jax.tree.unflatten(tree, values), case.recording)
-
-
-def test_padding_follows_from_what_fields_state():
-    axes = axes_of(AnkleSignals)
-    assert axes["gyr"].fill == "hold" and axes["stands"].fill == "zero" and axes["gyr_bias"] is None
-    assert axes["begin"].length(1000) == capacity(1000)
-    time = 0.01 * np.arange(5)
-    short = LegInputs(None, None, time, np.full(5, 0.01), np.zeros(5, bool), np.ones(5, bool), np.asarray(0.1))
-    longer = pad(short, 8)
-    np.testing.assert_allclose(longer.time, 0.01 * np.arange(8))
-    np.testing.assert_array_equal(longer.still, [False] * 5 + [True] * 3)
-    np.testing.assert_array_equal(longer.valid, [True] * 5 + [False] * 3)
-    assert longer.start_variance == 0.1 and longer.right is None
-    with pytest.raises(ValueError, match="pad only lengthens; got 5 samples and 4 wanted"):
-        pad(short, 4)

@@ -1,5 +1,4 @@
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.estimators import hidden, without
@@ -8,13 +7,12 @@ from made.notes import texts
 from made.trunk import rotation, worn
 from scipy.spatial.transform import Rotation
 
-from jgait import estimators, simulate, tune
+from jgait import simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams
 from jgait.estimators.stride_flags import marks
 from jgait.geometry.vectors import Vector
-from jgait.simulate.sensors import MPU6000
-from jgait.types import Imu, Recording, RecordingError, Walk
+from jgait.types import Imu, Recording, RecordingError
 
 STILL = FootParams(pivot_height=0.0, stride_noise=1e-4)
 """For feet that are made to stand quite still, and of which the model knows everything."""
@@ -227,21 +225,6 @@ def test_strides_of_a_shuffling_foot_have_turns_and_angles():
     assert np.all(long.contact_angle > 0.05)
 
 
-@pytest.mark.release
-def test_a_foot_that_only_steps_in_place_has_finite_gradients():
-    walk = Walk(foot(strides=4, length=0.03, mount=rotation()).recording, None, {})
-    lesson = tune.lessons(estimators.get("foot_ins"), [walk], reference=False).lesson(0)
-
-    def total(p):
-        estimate = foot_ins.run(p, lesson.inputs)
-        sizes = jnp.sum(estimate.strides.length + estimate.strides_stddev.length)
-        return sizes + jnp.nansum(estimate.strides.turn), estimate.strides.valid
-
-    slope, valid = jax.jit(jax.grad(total, has_aux=True))(STILL)
-    assert not np.any(valid)
-    assert np.all(np.isfinite(jax.tree.leaves(slope)))
-
-
 def test_rest_is_found_between_scattered_losses(straight):
     made, plain = straight
     lost = np.random.default_rng(4).random(len(plain.time)) <= 0.2
@@ -256,23 +239,6 @@ def test_a_foot_that_rests_for_minutes_has_footholds_on_the_way():
     holds = inputs.foothold[: int(inputs.count)]
     assert len(holds) > 4
     assert np.diff(holds).max() <= 4100
-
-
-def test_strides_whose_impacts_are_clipped_for_one_sample_are_less_certain():
-    """An accelerometer of ±4 g on a person who shuffles: without larger deviations most strides were off by four."""
-    who, how = jax.random.split(jax.random.key(5))
-    along, key = simulate.straight(10.0), jax.random.fold_in(how, 0)
-    person = simulate.walking(simulate.person_of(simulate.population(who, 6, recorded=False), 0), "shuffling")
-    person = simulate.covering(key, person, along)
-    recording, truth = simulate.recording(key, person, along, MPU6000, placements=("foot_right", "foot_left"))
-    found = foot_ins.estimate(foot_ins.FootParams(), recording)
-    true = jax.tree.map(lambda column: np.asarray(column)[np.asarray(truth.strides.valid)], truth.strides)
-    far = []
-    for i, side in enumerate(found.strides.side):
-        same = np.flatnonzero((true.side == side) & (abs(true.end - found.strides.end[i]) < 0.2))
-        far += list((found.strides.length[i] - true.length[same]) / found.strides_stddev.length[i])
-    assert len(far) > 20
-    assert np.mean(np.abs(far) > 3.0) < 0.1
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.96])

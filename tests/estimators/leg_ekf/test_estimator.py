@@ -9,8 +9,7 @@ from made.notes import texts
 from made.trunk import rotation
 
 from experiments.common import protocols
-from jgait import simulate
-from jgait.estimators import ankle_stride, leg_ekf, programs
+from jgait.estimators import leg_ekf, programs
 from jgait.estimators.interface import pad
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegParams
 from jgait.estimators.leg_ekf import model as leg_model
@@ -142,17 +141,6 @@ def test_a_shank_that_cannot_be_right_is_noted(walk, change, code):
         if code == "shanks_apart":
             right, left = (float(found[f"shank_distance_{side}"]) for side in SIDES)
             assert (abs(right - left) > 1.6) == damaged
-
-
-def test_very_slow_steps_within_a_walk_count(walk):
-    way, key = simulate.faster(5.0, 1.0, 0.25), jax.random.key(0)
-    person = simulate.covering(key, simulate.Person(), way)
-    recording, truth = simulate.recording(key, person, way, rate=50.0, placements=simulate.FOUR)
-    result = leg_ekf.estimate(parameters(truth.estimate), recording)
-    ankles = ankle_stride.estimate(ankle_stride.AnkleParams(), recording)
-    true = float(truth.estimate.distance[-1])
-    assert [float(one.distance[-1]) for one in (result, ankles)] == pytest.approx([true, true], rel=0.03)
-    assert len(ankles.strides.length) == int(np.sum(truth.strides.valid))
 
 
 def test_distance_with_one_leg_and_by_every_read_out(walk):
