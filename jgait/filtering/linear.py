@@ -130,8 +130,8 @@ class Linear:
         x, control, measured, visible = map(list, (x, control, measured, visible))
 
         def shown(params: list[Array], u: list[Array], x: list[Array]) -> list[Array]:
-            p, u = self.unpacked(params, u)
-            return shape.arrays(shape.observation(p, x, u))
+            p, control = self.unpacked(params, u)
+            return shape.arrays(shape.observation(p, x, control))
 
         def apart(_: Tree, expected: list[Array], y: list[Array]) -> list[Array]:
             return shape.residual(y, expected)

@@ -154,14 +154,14 @@ class Recorded:
         """The closed form where there is one: back through the smoother's scan, then through the filter's."""
         lanes = widest(arguments, outputs)
         if not linearises_once(self.method):
-            given = [k for k, ct in enumerate(cotangents) if ct is not None]
+            used = {k: widened(ct, lanes) for k, ct in enumerate(cotangents) if ct is not None}
 
             def of(*some: Array) -> list[Array]:
                 shown = self.value(*replaced(arguments, moving, some))
-                return [widened(shown[k], lanes) for k in given]
+                return [widened(shown[k], lanes) for k in used]
 
             pull = jax.vjp(of, *(widened(arguments[i], lanes) for i in moving))[1]
-            return list(pull([widened(cotangents[k], lanes) for k in given]))
+            return list(pull([*used.values()]))
         linear, begin, samples = self.whole.model(arguments, lanes)
         named = dict(zip(self.whole.names, outputs, strict=True))
         more = linear.width - linear.size
@@ -290,7 +290,7 @@ class _Tangent:
         moving = [i for i, change in enumerate(changes) if change is not None]
 
         def of(*some: Array) -> list[Array]:
-            outputs = self.function.value(*structure.unflatten(replaced(values, moving, some)))
+            outputs = self.function.value(*jax.tree.unflatten(structure, replaced(values, moving, some)))
             return [widened(o, lanes) for o in outputs if real(o)]
 
         at, along = ([widened(each[i], lanes) for i in moving] for each in (values, changes))
@@ -315,7 +315,7 @@ def _in_blocks(function: _Function, count: int, *arguments: PyTree) -> list[Arra
         return jnp.moveaxis(value.reshape(*value.shape[:-1], -1, size), -2, 0)
 
     def of(some: list[Array]) -> list[Array]:
-        return [widened(o, size) for o in run(*structure.unflatten(replaced(values, apart, some)))]
+        return [widened(o, size) for o in run(*jax.tree.unflatten(structure, replaced(values, apart, some)))]
 
     joined = [jnp.moveaxis(o, 0, -2) for o in lax.map(of, [folded(values[i]) for i in apart])]
     return [o.reshape(*o.shape[:-2], count + missing)[..., :count] for o in joined]

@@ -60,6 +60,6 @@ def draw(
     normal = [
         jax.random.normal(k, (samples, of.size), dtype) for k, of in ((process, shape.error), (sensing, observed))
     ]
-    series = (*normal, controls, jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,)))
+    series: PyTree = (*normal, controls, jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,)))
     _, (states, observations) = lax.scan(body, start, series)
     return state.split(states), observed.split(observations)

@@ -122,7 +122,9 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     worn = _worn(inputs)
     feet, count = stacked(*worn.values()), len(worn)
     states = compiled(_states, over=(None, 0))(p, feet, options=options)
-    path, ways, valid = for_each(lambda *foot: _one_foot(p, *foot, inputs.time, options=options), feet, states)
+    path, ways, valid = for_each(
+        lambda foot, found: _one_foot(p, foot, found, inputs.time, options=options), feet, states
+    )
     trajectories: list[FootTrajectory | None] = [None, None]
     deviations: list[FootTrajectory | None] = [None, None]
     diagnostics: dict[str, Any] = {"stride_nis": path.nis.reshape(-1)}

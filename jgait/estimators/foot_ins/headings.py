@@ -148,14 +148,14 @@ def together(result: Estimate) -> Estimate:
     return result._replace(feet=feet_now, feet_stddev=spread_now, strides=strides_now)
 
 
-def _both(feet: Feet | None) -> Feet:
+def _both(feet: Feet | None) -> list[FootTrajectory]:
     """Right and left, as NumPy arrays in double precision."""
-    return jax.tree.map(lambda part: np.asarray(part, np.float64), feet)
+    return [FootTrajectory(*(np.asarray(part, np.float64) for part in foot)) for foot in feet or () if foot is not None]
 
 
 def _without(foot: FootTrajectory, angle: np.ndarray) -> FootTrajectory:
     """A trajectory from its start, turned back by an angle (T,) [rad]."""
-    position, velocity, orientation = foot
+    position, velocity, orientation = (np.asarray(part) for part in foot)
     return FootTrajectory(
         position[:1] + turned_way(position, -angle), turned(velocity, -angle), yawed(orientation, -angle)
     )
