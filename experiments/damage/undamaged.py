@@ -12,7 +12,7 @@ from experiments.common.row import Row, show
 from experiments.common.sets import datasets
 from experiments.damage.harm import read, rows_of
 from jgait import simulate
-from jgait.estimators.combined import compare
+from jgait.estimators.combined.phases import CLOCK_OFF
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.waist.notes import GYROSCOPE_CONTRADICTS, WALKING_MISSED
 from jgait.io.checks import order, pace, readings
@@ -30,7 +30,7 @@ CODES = {
 
 ANALYSED = {
     kind.code for kind in (
-        RATES_OFF, GYROSCOPE_CONTRADICTS, WALKING_MISSED, PLACES_EXCHANGED, compare.CONTACTS_APART,
+        RATES_OFF, GYROSCOPE_CONTRADICTS, WALKING_MISSED, PLACES_EXCHANGED, CLOCK_OFF,
     )
 }  # fmt: skip
 """Codes of notes about damage that an analysis finds: rates, axes, segments and clocks."""

@@ -24,7 +24,7 @@ from jgait.types import Estimate
 SAMPLES = 4096
 """All walks of the sets are padded to this many, so that one program serves them."""
 
-PENDULUM = DEFAULT._replace(distance="pendulum")
+PENDULUM = "pendulum"
 ALONE = 1e3
 """[1] `start_noise` with which the start of a walk does not change the pendulum's constant."""
 ZIJLSTRA = {"excursion_power": 1.0, "surge_power": 0.0}

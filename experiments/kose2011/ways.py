@@ -2,6 +2,7 @@
 
 "frozen": direct and reverse integration, every cycle begun and ended with the speed at the bout's first contact.
 "integrated": forward integration of the whole bout.
+"pendulum": the pendulum's steps alone.
 """
 
 from typing import Any
@@ -12,17 +13,11 @@ from jax.typing import ArrayLike
 
 from jgait.estimators.waist import motion, readout, steps
 from jgait.estimators.waist.estimator import stated
-from jgait.estimators.waist.ofdri import Cycles, since
+from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import DEFAULT, WaistParams
-from jgait.estimators.waist.velocity_update import (
-    Covered,
-    VelocityUpdateParams,
-    changes,
-    covered,
-    listed,
-    sampled,
-    way_of,
-)
+from jgait.estimators.waist.velocity_update import Covered, VelocityUpdateParams, covered, listed, sampled
+from jgait.geometry.arrays import xp
+from jgait.geometry.vectors import root
 from jgait.types import Estimate
 
 
@@ -34,9 +29,8 @@ def frozen(
 
     Arguments, result and errors as of `updated`; `updated` is False everywhere.
     """
-    seen = sampled(p, acc, cycles, dt, start, mask, known)
-    number = jnp.arange(seen.anew.shape[0])
-    begun = (seen.begin + changes(seen)[1])[lax.cummax(jnp.where(seen.anew, number, 0))]
+    seen = sampled(acc, cycles, dt, start, mask, known)
+    begun = seen.begin[lax.cummax(jnp.where(seen.anew, jnp.arange(seen.anew.shape[0]), 0))]
     return covered(p, seen, begun, jnp.ones_like(begun), optimum=optimum)
 
 
@@ -48,20 +42,45 @@ def integrated(
 
     Arguments, result and errors as of `updated`; `updated` is True for every cycle.
     """
-    seen = sampled(p, acc, cycles, dt, start, mask, known)
-    velocity = seen.start + since(seen.acc, seen.steps, p.cutoff_hz, seen.given).change
-    left = jnp.concatenate([jnp.where(seen.given[:-1], seen.start[1:], velocity[:-1]), velocity[-1:]])
-    way, begun = way_of(left, velocity, seen), left[cycles.begin]
-    return listed(seen, velocity, way, begun, velocity[cycles.end] - begun, jnp.zeros_like(begun))
+    del p
+    seen = sampled(acc, cycles, dt, start, mask, known)
+    left = jnp.where(seen.given[:-1], seen.start[1:] - jnp.diff(seen.total), seen.start[:-1])
+    begun = jnp.append(left, seen.start[-1])[cycles.begin]
+    covered_by = listed(seen, seen.start, left, begun, jnp.zeros_like(begun))
+    return covered_by._replace(change=jnp.where(covered_by.valid, seen.start[cycles.end] - begun, 0.0))
+
+
+def by_pendulum(p: WaistParams, inputs: Any, intervals: steps.Intervals) -> readout.WaistWalk:
+    """Distance by the pendulum's steps alone; an interval from standing is half of the step after it."""
+    constant, constant_spread = readout.personal_constant(p, inputs, intervals)
+    lengths = xp.where(inputs.steps, constant * intervals.pendulum, 0.0)
+    beside = xp.maximum(xp.concatenate([lengths[1:], lengths[:1]]), xp.concatenate([lengths[:1], lengths[:-1]]))
+    begins = inputs.moves & ~inputs.steps & ~inputs.stands
+    step = xp.where(begins, 0.5 * beside, lengths)
+    variance = xp.where(inputs.moves, readout.step_variance(p, inputs, intervals), 0.0)
+    distance, share = xp.cumsum(step), root(constant_spread)
+    stride, white = step + readout.earlier(step, 1), variance + readout.earlier(variance, 1)
+    return readout.WaistWalk(
+        distance=distance,
+        distance_sd=root(xp.cumsum(variance) + (share * distance) ** 2),
+        step=step,
+        step_sd=root(variance + (share * step) ** 2),
+        stride=stride,
+        stride_sd=root(white + (share * stride) ** 2),
+        unsure=xp.zeros_like(inputs.steps),
+        diagnostics={"pendulum_constant": constant, "pendulum_constant_stddev": constant * share},
+    )
 
 
 WAYS = {"frozen": frozen, "integrated": integrated}
 
 
 def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:
-    """As `waist.run` with default options, its distance by one of `WAYS`."""
+    """As `waist.run` with default options, its distance by "pendulum" or one of `WAYS`."""
     seen = motion.motion(p, inputs, smooth=DEFAULT.smooth)
     found = steps.intervals(p, inputs, seen)
+    if kind == "pendulum":
+        return stated(inputs, seen, found, by_pendulum(p, inputs, found))
     speed, held = readout.integrated_speed(p, inputs, seen, found, WAYS[kind])
     # at the first contact the person is still setting off, and that speed is held
     known = inputs.stood & (kind != "frozen")

@@ -77,7 +77,7 @@ def over_best(scored: dict[str, float]) -> float:
     return scored["combined"] / min(scored[name] for name in SOURCES)
 
 
-CONTRADICTIONS = ("lengths_differ", "distances_differ", "feet_of_contacts_differ")
+CONTRADICTIONS = ("distances_differ", "feet_of_contacts_differ")
 """Codes of notes that results contradict each other."""
 
 

@@ -55,12 +55,12 @@ def spoilt(recording: Recording, kind: str, chooser: np.random.Generator) -> tup
     if kind == "gyroscope in another unit":
         factor = np.pi / 180.0 if chooser.random() < 0.5 else 180.0 / np.pi
         sensors[name] = scaled(sensors[name], gyr=factor)
-        return recording._replace(sensors=sensors), "sensor_gyr_unit", (name,)
+        return recording._replace(sensors=sensors), "sensor_unit", (name,)
     if kind == "accelerometer in g":
         sensors[name] = scaled(sensors[name], acc=1.0 / 9.80665)
-        return recording._replace(sensors=sensors), "sensor_acc_unit", (name,)
+        return recording._replace(sensors=sensors), "sensor_unit", (name,)
     sensors[name] = late(sensors[name], recording.sampling_rate_hz)
-    return recording._replace(sensors=sensors), "trunk_clock_off" if name == "pelvis" else "clock_off", (name,)
+    return recording._replace(sensors=sensors), "clock_off", (name,)
 
 
 MISTAKES = (

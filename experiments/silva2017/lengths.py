@@ -128,6 +128,11 @@ def stacked(items: list[Signals], room: int = 1) -> Signals:
     return jax.tree.map(lambda *v: jnp.asarray(np.stack(v)), *map(one, items))
 
 
+def smoothed(signal: Any, cutoff_hz: Any, rate_hz: Any) -> Any:
+    """Low-pass of a (T, 3) signal without delay; None: no filter."""
+    return signal if cutoff_hz is None else jnp.asarray(butterworth.low_pass_both_ways(signal, cutoff_hz, rate_hz))
+
+
 def _one(method: str, p: StrideLengthParams, cutoff: Any, s: Signals) -> Any:
     """(n,) lengths of a leg's strides."""
     if method in ("SL1", "SL2", "SL2 of all axes"):
@@ -140,9 +145,9 @@ def _one(method: str, p: StrideLengthParams, cutoff: Any, s: Signals) -> Any:
     rate_hz = 1.0 / s.dt
     if method.startswith("Li 2-D"):
         taken = (s.gyr, s.acc) if method == "Li 2-D, axes from the walk" else (s.straight_gyr, s.straight_acc)
-        gyr, acc = (stride_length.smoothed(v, cutoff, rate_hz) for v in taken)
+        gyr, acc = (smoothed(v, cutoff, rate_hz) for v in taken)
         return planar(p, gyr, acc, s.stride, s.dt).length[s.end]
-    gyr, acc = (stride_length.smoothed(v, cutoff, rate_hz) for v in (s.gyr, s.acc))
+    gyr, acc = (smoothed(v, cutoff, rate_hz) for v in (s.gyr, s.acc))
     inertial = literal.inertial if method == "3-D as printed" else stride_length.inertial
     told = inertial(p, gyr, acc, s.stride, s.dt)
     return {"3-D level": told.level, "rise": told.rise, "turn": told.turn}.get(method, told.length)[s.end]

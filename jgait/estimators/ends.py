@@ -28,18 +28,10 @@ LEAST_CUT_STRIDES, MOST = 0.2, 1.5
 """[strides] Limits of the walking that a recording cuts off: in less, a person stands for a moment; in more, the
 activity is another one."""
 
-CUT_MEANING = (
+WALKING_CUT = Kind(
+    "walking_cut", "info", "{placement}: the recording {does} in walking, {seconds:.1f} s {where} whole stride",
     "The part of a stride there is in no stride of the table. The distance of one estimator does not count it; that of "
-    "all sensors together counts it with the median walking speed, and with a larger deviation."
-)
-
-WALKING_BEFORE = Kind(
-    "walking_before", "info", "{placement}: the recording begins in walking, {seconds:.1f} s before the first whole "
-    "stride", CUT_MEANING,
-)  # fmt: skip
-WALKING_AFTER = Kind(
-    "walking_after", "info", "{placement}: the recording ends in walking, {seconds:.1f} s after the last whole stride",
-    CUT_MEANING,
+    "all sensors together counts it with the median walking speed, and with a larger deviation.",
 )  # fmt: skip
 
 
@@ -58,13 +50,13 @@ def cut_off(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -> 
 
 def cut_notes(quality: Mapping[str, SensorQuality]) -> list[Note]:
     """Notes on sensors whose recording cuts off a stride."""
-    notes = []
-    for placement, facts in quality.items():
-        if facts.walks_before > 0.0:
-            notes.append(WALKING_BEFORE(placement=placement, seconds=facts.walks_before))
-        if facts.walks_after > 0.0:
-            notes.append(WALKING_AFTER(placement=placement, seconds=facts.walks_after))
-    return notes
+    return [
+        WALKING_CUT(placement=placement, seconds=seconds, does=does, where=where)
+        for placement, facts in quality.items()
+        for seconds, does, where in (
+            (facts.walks_before, "begins", "before the first"), (facts.walks_after, "ends", "after the last"),
+        ) if seconds > 0.0
+    ]  # fmt: skip
 
 
 def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:

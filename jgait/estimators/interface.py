@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.about import About
-from jgait.estimators.plausible import implausible, paces_mixed
+from jgait.estimators.plausible import implausible
 from jgait.estimators.programs import bucket
 from jgait.estimators.proportions import gives, with_proportions
 from jgait.estimators.walking import inside, walking_alone
@@ -230,8 +230,7 @@ class Estimator[P, I](NamedTuple):
         result = result._replace(diagnostics={**result.diagnostics, **facts})
         result = result if self.finish is None else self.finish(result, prepared)
         result = result._replace(valid=result.valid & ~inside(as_float(result.time), prepared.moves))
-        mixed = () if result.strides is None else paces_mixed(result.strides)
-        notes = (*result.diagnostics["notes"], *implausible(result), *mixed)
+        notes = (*result.diagnostics["notes"], *implausible(result))
         return result._replace(diagnostics={**result.diagnostics, "notes": notes})
 
 

@@ -16,10 +16,9 @@ FASTEST_WALK, FASTEST_RUN = 4.0, 8.0
 RUNNING_S = 0.95
 """[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
 
-QUICK_S, JOGGING, SLOWER, FEWEST_STRIDES = 0.75, 1.5, 1.2, 5
-"""Strides are of running if they last less than `QUICK_S` [s] (160 steps a minute) and are faster than `JOGGING` [m/s],
-see also `STRIDES_QUICK` of `ankle_stride`; steps in turns are as short, but slow. [1] Least ratio of the other strides'
-median duration to theirs; small children walk as quickly all the time. Least number of each."""
+QUICK_S = 0.75
+"""[s] Strides that last less are of running (160 steps a minute), or of small children, see `STRIDES_QUICK` of
+`ankle_stride`."""
 
 KNEE_DEG = (-20.0, 160.0)
 """[deg] Smallest and largest knee angle of a person, with a margin of 10° and more for a wrong zero."""
@@ -42,56 +41,13 @@ CAUSES = (
 )
 """Meaning of all these kinds."""
 
-STRIDES_IMPLAUSIBLE = Kind(
-    "strides_implausible",
-    "check",
-    "{side}: {strides} of {of} strides {strides:is|are} longer or faster than a person walks, up to {length:.3g} m and "
-    "{speed:.3g} m/s",
-    CAUSES,
-)
-SPEED_IMPLAUSIBLE = Kind(
-    "speed_implausible", "check", "{distance:.4g} m in {seconds:.3g} s is faster than a person walks", CAUSES
-)
+IMPLAUSIBLE = Kind("implausible", "check", "", CAUSES)
 KNEE_IMPLAUSIBLE = Kind(
     "knee_implausible",
     "stop",
-    "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does",
+    "",
     f"{CAUSES} Knees that bend the wrong way on both sides can also mean that the person walks backwards.",
     measure="joint angles",
-)
-KNEE_STIFF = Kind(
-    "knee_stiff",
-    "check",
-    "{side}: the knee moves by {knee:.0f}° only, while the hip swings by {hip:.0f}°",
-    "Both sensors of the leg can be on one segment, or have one signal under two names. These angles hold only if the "
-    "knee is locked, as by an orthosis.",
-)
-WIDTH_NEGATIVE = Kind(
-    "width_negative",
-    "check",
-    "{strides} of {of} strides {strides:has|have} a negative width: left and right may be exchanged",
-    CAUSES,
-)
-HEIGHT_DRIFTS = Kind(
-    "height_drifts",
-    "check",
-    "{side}: the foot rises by {rise:.2f} m over {length:.3g} m, steeper than stairs",
-    CAUSES,
-)
-NOT_FINITE = Kind(
-    "result_not_finite",
-    "stop",
-    "{side}: {samples} valid {samples:sample|samples} of the knee {samples:is|are} not finite",
-    CAUSES,
-    measure="joint angles",
-)
-
-PACES_MIXED = Kind(
-    "paces_mixed",
-    "check",
-    "{quick} of {of} strides last {seconds:.2f} s in the median, as in running, the others {others:.2f} s",
-    "Means, medians and variability of all strides mix running and walking. Read the bouts, or select strides by their "
-    "duration in the table of strides.",
 )
 
 
@@ -101,18 +57,22 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     if estimate.strides is not None:
         notes += _strides(estimate.strides, estimate.strides_stddev)
     for side, knee in knees(estimate).items():
-        if knee.lost:
-            notes.append(NOT_FINITE(side=side, samples=knee.lost))
-            continue
         notes += knee_notes(estimate, side)
+        if knee.lost:
+            continue
         leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
         angles = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
         moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in angles]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
-            notes.append(KNEE_STIFF(side=side, knee=moves[0], hip=moves[1]))
+            text = (
+                "{side}: the knee moves by {knee:.0f}° only, while the hip swings by {hip:.0f}°: both sensors can "
+                "be on one segment, or have one signal under two names, unless an orthosis locks the knee"
+            )
+            notes.append(IMPLAUSIBLE.note(text, side=side, knee=moves[0], hip=moves[1]))
     if too_fast(estimate):
         distance, seconds = _walked(estimate)
-        notes.append(SPEED_IMPLAUSIBLE(distance=distance, seconds=seconds))
+        text = "{distance:.4g} m in {seconds:.3g} s is faster than a person walks"
+        notes.append(IMPLAUSIBLE.note(text, distance=distance, seconds=seconds))
     return tuple(notes)
 
 
@@ -141,13 +101,19 @@ def _worn(estimate: Estimate, side: str) -> np.ndarray:
 
 
 def knee_notes(estimate: Estimate, side: str) -> list[Note]:
-    """A note on a measured leg with finite angles if its knee bends as none does."""
+    """A note on a measured leg if its knee bends as none does, or its angles are not finite."""
     measured = knees(estimate).get(side)
-    if measured is None or not measured.implausible:
+    if measured is None or not (measured.lost or measured.implausible):
         return []
+    if measured.lost:
+        text = "{side}: {samples} valid {samples:sample|samples} of the knee {samples:is|are} not finite"
+        return [KNEE_IMPLAUSIBLE.note(text, side=side, samples=measured.lost)]
     leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
     knee, share = np.rad2deg(as_float(leg.knee_angle)[worn]), 100.0 * knee_beyond(leg)[worn].mean()
-    return [KNEE_IMPLAUSIBLE(side=side, low=knee.min(), high=knee.max(), percent=max(share, 1.0))]
+    text = (
+        "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does"
+    )
+    return [KNEE_IMPLAUSIBLE.note(text, side=side, low=knee.min(), high=knee.max(), percent=max(share, 1.0))]
 
 
 def _walked(estimate: Estimate) -> tuple[float, float]:
@@ -168,19 +134,6 @@ def knee_beyond(leg: LegTrajectory) -> np.ndarray:
     """(T,) bool, samples with knee angles that no person has."""
     knee = np.rad2deg(as_float(leg.knee_angle))
     return np.asarray((knee < KNEE_DEG[0]) | (knee > KNEE_DEG[1]))
-
-
-def paces_mixed(strides: Strides) -> list[Note]:
-    """A note if some strides are of running and others of walking."""
-    _, last, speed = _paces(strides)
-    known = np.asarray(strides.valid, bool) & np.isfinite(last)
-    last, quick = last[known], (last < QUICK_S)[known] & (speed > JOGGING)[known]
-    if min(quick.sum(), (~quick).sum()) < FEWEST_STRIDES:
-        return []
-    seconds, others = float(np.median(last[quick])), float(np.median(last[~quick]))
-    if others < SLOWER * seconds:
-        return []
-    return [PACES_MIXED(quick=quick.sum(), of=last.size, seconds=seconds, others=others)]
 
 
 def distance_implausible(estimate: Estimate) -> bool:
@@ -217,19 +170,20 @@ def _strides(strides: Strides, stddev: Strides | None) -> list[Note]:
     height, width = as_float(strides.height), as_float(strides.width)
     for number, side in enumerate(SIDES):
         of_side = used & (np.asarray(strides.side) == number)
-        implausible = of_side & wrong
-        if implausible.any():
-            notes.append(
-                STRIDES_IMPLAUSIBLE(
-                    side=side, strides=implausible.sum(), of=of_side.sum(), length=np.nanmax(length[implausible]),
-                    speed=np.nanmax(np.nan_to_num(speed[implausible])),
-                )
-            )  # fmt: skip
+        if (far := of_side & wrong).any():
+            text = (
+                "{side}: {strides} of {of} strides {strides:is|are} longer or faster than a person walks, up to "
+                "{length:.3g} m and {speed:.3g} m/s"
+            )
+            largest = {"length": np.nanmax(length[far]), "speed": np.nanmax(np.nan_to_num(speed[far]))}
+            notes.append(IMPLAUSIBLE.note(text, side=side, strides=far.sum(), of=of_side.sum(), **largest))
         rise, gone = float(np.nansum(height[of_side])), float(np.nansum(length[of_side]))
         if abs(rise) > max(LEAST_RISE, STEEPEST * gone):
-            notes.append(HEIGHT_DRIFTS(side=side, rise=rise, length=gone))
+            text = "{side}: the foot rises by {rise:.2f} m over {length:.3g} m, steeper than stairs"
+            notes.append(IMPLAUSIBLE.note(text, side=side, rise=rise, length=gone))
     spread = np.zeros_like(width) if stddev is None or stddev.width is None else as_float(stddev.width)
     negative = used & (width < -2.0 * np.nan_to_num(spread))
     if negative.any():
-        notes.append(WIDTH_NEGATIVE(strides=negative.sum(), of=used.sum()))
+        text = "{strides} of {of} strides {strides:has|have} a negative width: left and right may be exchanged"
+        notes.append(IMPLAUSIBLE.note(text, strides=negative.sum(), of=used.sum()))
     return notes

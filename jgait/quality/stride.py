@@ -46,6 +46,9 @@ FAR_OFF = 0.06
 """[1] Largest error of an accelerometer at rest, over gravity, that is usual: data sheets allow a bias of 0.05 and
 more; sensors that are calibrated stay far below it."""
 
+LEAST_FACTOR = 0.1
+"""[1] Factor of the rates that smaller ones count as; one that is negative fits a gyroscope whose sign is reversed."""
+
 LEAST_M = 0.05
 """[m], [m s] Length, and length times duration, that shorter strides count as."""
 
@@ -119,7 +122,7 @@ def of_sensors(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, n
     nis = {k: float(above(as_float(diagnostics.get(f"nis_{SIDES[k]}", 0.0)), USUAL_NIS)) for k in placements}
     each: dict[str, Callable[[SensorQuality], float]] = {
         "scale": lambda sensor: abs(sensor.force_off) * (abs(sensor.force_off) > FAR_OFF),
-        "rates": lambda sensor: abs(math.log(sensor.rates_factor)) * sensor.rates_off,
+        "rates": lambda sensor: abs(math.log(max(sensor.rates_factor, LEAST_FACTOR))) * sensor.rates_off,
         "lever": lambda sensor: sensor.lever_off,
         "rows": lambda sensor: math.log1p(sensor.rows_lost + sensor.rows_twice),
         "contradicts": lambda sensor: float(sensor.contradicts),

@@ -16,7 +16,6 @@ from jgait.duty_cycle.power import Schedule
 from jgait.estimators import duty_cycled_gyro, leg_ekf, stride_width_ekf
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.interface import pad
-from jgait.estimators.waist import WaistOptions
 from jgait.simulate.sensors import IDG300
 from jgait.types import Imu, Recording
 
@@ -174,7 +173,6 @@ OTHER_OPTIONS: dict[str, Callable[[], Case]] = {
         f"ankle_stride {length}": functools.partial(_ankle_stride, options=AnkleOptions(length=length))
         for length in ("3d", "sl1", "sl2")
     },
-    "waist pendulum": lambda: _case("waist", _trunks(), 1024, options=WaistOptions(distance="pendulum")),
 }
 """Estimators with other options, for the laws of gradients."""
 

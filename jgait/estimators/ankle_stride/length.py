@@ -32,8 +32,8 @@ Deviations from the paper:
        shank 2.6 instead of 10 cm (`neura_sparse`), 3.6 with the velocity alone.
     5. Up is the mean specific force over the stride instead of one sample of it. The length |s| is the
        same, and its gradient in that sample is zero, as in the events'.
-    6. The cut-off is an argument (`smoothed`): with the true lever the paper's 4 Hz make simulated strides 2 to 3.5 cm
-       too long, 8 Hz half a centimetre at most; a lever learned at 4 Hz makes up for it.
+    6. The cut-off is a parameter: with the true lever the 4 Hz of the paper make simulated strides 2 to 3.5 cm too
+       long, 8 Hz half a centimetre at most; a lever learned at 4 Hz makes up for it.
 """
 
 from collections.abc import Callable
@@ -42,15 +42,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
 from jgait.geometry.rotation import Quaternion, exponential, product, rotated
-from jgait.geometry.vectors import Vector, add, cross, dot, root, scale, subtract
-from jgait.signal import butterworth
+from jgait.geometry.vectors import Vector, add, cross, dot, root, scale, subtract, vector
 from jgait.signal.marks import Marks
-from jgait.types import Scalar, Values
+from jgait.types import Values
 
 
 class StrideLengthParams(NamedTuple):
@@ -88,23 +87,12 @@ class Travelled(NamedTuple):
     duration: Values
 
 
-def smoothed(signal: ArrayLike, cutoff_hz: Scalar | None, sampling_rate_hz: float) -> Array:
-    """Low-pass of a (T, 3) signal without delay, for the inertial methods; the paper has 4 Hz, None no filter."""
-    values = jnp.asarray(signal)
-    if cutoff_hz is None:
-        return values
-    return jnp.asarray(butterworth.low_pass_both_ways(values, cutoff_hz, sampling_rate_hz))
-
-
 def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike) -> Swung:
     """SL₁ and SL₂ of each swing, (T,) each, at the samples at which swings of the shank end.
 
     `gyr` (T, 3) is the unfiltered rate in the segment's axes [rad/s].
-
-    Raises:
-        ValueError: if the shapes do not fit.
     """
-    rate = -(_vector(gyr, swings).y - p.gyr_bias.y)
+    rate = -(jnp.asarray(gyr)[:, 1] - p.gyr_bias.y)
     index = jnp.arange(rate.shape[0], dtype=jnp.int32)
     since = lax.cummax(jnp.where(swings.begin, index, -1))
     since = jnp.concatenate([jnp.full_like(since[:1], -1), since[:-1]])  # the last begin before each sample
@@ -121,11 +109,8 @@ def inertial(p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Mar
     """Length, rise and turn of each stride by strapdown from stance to stance, (T,) each, at the samples at which they
     end.
 
-    `gyr` [rad/s] and `acc` [m/s²], (T, 3), are in the segment's axes, see `smoothed`; strides begin and end while the
+    `gyr` [rad/s] and `acc` [m/s²], (T, 3), are in the segment's axes, low-passed; strides begin and end while the
     ankle stands.
-
-    Raises:
-        ValueError: if the shapes do not fit.
     """
     return scanned(partial(_step, p, dt=dt), partial(begun, p), p, gyr, acc, strides)
 
@@ -139,8 +124,8 @@ def scanned(
     `begin` gives the state at the begin of a stride from rate and force; biases are taken off before. Other arguments
     as of `inertial`.
     """
-    rate = subtract(_vector(gyr, strides), p.gyr_bias)
-    force = subtract(_vector(acc, strides), p.acc_bias)
+    rate = subtract(vector(jnp.asarray(gyr)), p.gyr_bias)
+    force = subtract(vector(jnp.asarray(acc)), p.acc_bias)
     samples = (rate, force, strides)
 
     def step(state: PyTree, sample: PyTree) -> tuple[PyTree, Travelled]:
@@ -154,15 +139,6 @@ def scanned(
     after = jax.eval_shape(lambda s, x: step(s, x)[0], state, first)
     state = jax.tree.map(lambda value, like: jnp.asarray(value, like.dtype), state, after)
     return lax.scan(step, state, samples)[1]
-
-
-def _vector(signal: ArrayLike, flags: Marks) -> Vector:
-    values = jnp.asarray(signal)
-    if values.ndim != 2 or values.shape[1] != 3 or values.shape[0] < 1:
-        raise ValueError(f"signals must be (T, 3) with T >= 1; got shape {values.shape}")
-    if any(jnp.shape(flag) != values.shape[:1] for flag in flags):
-        raise ValueError(f"flags must be ({values.shape[0]},) as the signals; got {[jnp.shape(f) for f in flags]}")
-    return Vector(*values.T)
 
 
 class StrideState(NamedTuple):

@@ -1,23 +1,9 @@
 """Kinds of notes that `ankle_stride` makes about a recording."""
 
 from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED
-from jgait.notes import FEW_RESTS, UNSURE_FORWARD, Kind, Note
+from jgait.notes import Kind, Note
 from jgait.quality import SensorQuality
 from jgait.quality.stride import FAR_OFF
-
-SWINGS_EVEN = Kind(
-    "swings_even",
-    "check",
-    "{placement} swings as fast backwards as forwards: which way is forward is not sure",
-    UNSURE_FORWARD,
-)
-
-NEVER_STANDS = Kind(
-    "never_stands_still",
-    "check",
-    "{placement} never stands still for half a second: its gyroscope's bias is left to the filter",
-    FEW_RESTS,
-)
 
 STRIDES_QUICK = Kind(
     "strides_quick",

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
-from jgait.estimators.ankle_stride.notes import NEVER_STANDS, SWINGS_EVEN, shank_notes
+from jgait.estimators.ankle_stride.notes import shank_notes
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Axis, Prepared
 from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.notes import (
     LONGEST_LOSS,
+    NO_FIRST_STANDING,
     NO_STEPS,
     SAMPLED_SLOWLY,
     STRIDES_MISSING,
@@ -29,6 +30,7 @@ from jgait.events.rest import longest_still
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
+from jgait.mounting.places import FORWARD_UNSURE
 from jgait.mounting.shank import Axes
 from jgait.notes import Note
 from jgait.quality import SensorQuality
@@ -190,7 +192,8 @@ def _leg(
         if small > max(1, MANY_SMALL * len(start)):
             quality = quality._replace(swings=len(start), small_swings=small)
         if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:
-            notes.append(SWINGS_EVEN(placement=name))
+            text = "it swings as fast backwards as forwards: which way is forward is not sure"
+            notes.append(FORWARD_UNSURE.note(text, placement=name))
     slow = _gentle(at_rest.gyr, rate_hz)
     speed = np.linalg.norm(slow, axis=1)
     lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
@@ -206,7 +209,8 @@ def _leg(
     if rate_hz < USUAL_HZ:
         notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
     if options.standing and still is None:
-        notes.append(NEVER_STANDS(placement=name))
+        text = "it never stands still for half a second: its gyroscope's bias is left to the filter"
+        notes.append(NO_FIRST_STANDING.note(text, placement=name))
     if options.standing and still is not None:
         off = float(np.linalg.norm(as_float(whole.acc)[slice(*still)].mean(axis=0))) / GRAVITY - 1.0
         quality = quality._replace(force_off=off)

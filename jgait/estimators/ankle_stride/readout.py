@@ -11,7 +11,7 @@ from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.sides import entries, picked
-from jgait.estimators.stride_flags import STAIRS_M
+from jgait.estimators.stride_flags import LARGEST_TURN, STAIRS_M
 from jgait.filtering import Covariance
 from jgait.geometry.arrays import xp
 from jgait.geometry.rotation import quaternion, rotated
@@ -21,9 +21,6 @@ from jgait.types import Counts, Strides, Values
 
 SHORTEST_STRIDE_M = 0.1
 """[m] Threshold on the stride length; below it the leg was only shifted, and the stride does not count."""
-
-TURNING = 0.35
-"""[rad] Threshold on the leg's turn over a stride (20°); a stride above it is flagged as part of a turn."""
 
 TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, for the standard deviation of its speed."""
@@ -182,5 +179,5 @@ def table(
 
 def flags(strides: Strides, **decided: PyTree) -> dict[str, Any]:
     """Flags of each stride, those of `decided` included; True only if the stride is valid."""
-    flagged = {"turning": xp.abs(strides.turn) > TURNING, "stairs": xp.abs(strides.height) > STAIRS_M, **decided}
+    flagged = {"turning": xp.abs(strides.turn) > LARGEST_TURN, "stairs": xp.abs(strides.height) > STAIRS_M, **decided}
     return {name: flag & strides.valid for name, flag in flagged.items()}

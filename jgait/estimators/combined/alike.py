@@ -1,4 +1,4 @@
-"""Sources with a sensor on each side whose stride lengths differ between the sides."""
+"""Stride lengths of both sides by one source: both feet of a person who walks straight go as far."""
 
 from collections.abc import Sequence
 
@@ -18,16 +18,46 @@ SIDES_UNLIKE = Kind(
     "deviations of stride lengths and of the distance contain half of the difference. Do not read it as asymmetry.",
 )  # fmt: skip
 
-UNLIKE_SHARE = 0.1
-"""[1] Difference of the stride lengths of both sides, over their mean, above which one side is wrong. Chosen: above
-walks of `tripod`, `gaitmap_example`, `ipol_gait` and `walking5m`, and below simulated hemiparetic walks with shanks
-whose distance is off by more than three stated deviations."""
-
-APART_M = 0.3
-"""[m] Largest distance of the feet's paths: by it the outer foot goes farther per radian of turn."""
+ALIKE, UNLIKE = 0.05, 0.1
+"""[1] Difference of the stride lengths of both sides over their mean up to which sensors that turn differently are not
+wrong, as on a stiff leg; and above which one side is wrong. Chosen: between walks of `tripod`, `gaitmap_example`,
+`ipol_gait` and `walking5m`, and simulated hemiparetic walks with shanks whose distance is off by more than three stated
+deviations. A foot whose rates are too small by the least ratio that is noted has a larger difference."""
 
 FEWEST_PAIRS = 6
 """Least number of pairs of a right and a left stride."""
+
+
+def pairs(source: SourceEstimate) -> np.ndarray:
+    """(n, 2) lengths of a right and a left stride at the same time [m], neither in a turn or in doubt."""
+    strides = source.estimate.strides
+    if strides is None or source.name == "width":
+        return np.zeros((0, 2))
+    side, start, end, length = (as_float(getattr(strides, name)) for name in ("side", "start", "end", "length"))
+    straight = np.asarray(strides.valid, bool)
+    if strides.turn is not None:
+        straight = straight & (np.abs(as_float(strides.turn)) <= LARGEST_TURN)
+    if (doubted := DOUBTFUL.read(source.estimate)) is not None:
+        straight = straight & ~doubted
+    right, left = (np.flatnonzero(straight & (side == number)) for number in range(len(SIDES)))
+    if not len(left):
+        return np.zeros((0, 2))
+    middle = 0.5 * (start + end)
+    near = left[np.argmin(np.abs(middle[right, None] - middle[left]), axis=1)]
+    at_once = (start[right] < end[near]) & (start[near] < end[right])
+    return np.stack([length[right], length[near]], axis=1)[at_once]
+
+
+def apart(lengths: np.ndarray) -> float:
+    """The difference between the sides of `pairs` over their mean [1]; NaN for few pairs."""
+    if len(lengths) < FEWEST_PAIRS:
+        return np.nan
+    return abs(float(np.median(lengths[:, 0] - lengths[:, 1]))) / float(np.median(lengths, axis=0).mean())
+
+
+def alike(sources: Sequence[SourceEstimate], placements: frozenset[str]) -> bool:
+    """Whether a source with these two sensors measures strides of the same length on both sides."""
+    return any(apart(pairs(source)) < ALIKE for source in sources if placements.issubset(source.placements))
 
 
 def with_sides_unlike(
@@ -35,40 +65,15 @@ def with_sides_unlike(
 ) -> tuple[list[SourceEstimate], list[Note]]:
     """The sources, with larger deviations where both sides' strides differ in length, and a note for each such source.
 
-    A stride is paired with the stride of the other side whose middle is nearest, if both share time and neither is in a
-    turn or in doubt. Sources with a sensor in `wrong`, which another note explains, do not change.
+    Sources with a sensor in `wrong`, which another note explains, do not change.
     """
     changed, notes = list(sources), []
     for number, source in enumerate(sources):
-        if len(source.placements) != len(SIDES) or source.name == "width" or wrong.intersection(source.placements):
-            continue
-        pairs = _pairs(source)
-        if len(pairs) < FEWEST_PAIRS:
-            continue
-        right, left = (float(value) for value in np.median(pairs[:, :2], axis=0))
-        curve = APART_M * float(np.median(pairs[:, 2]))
-        apart, mean = abs(float(np.median(pairs[:, 0] - pairs[:, 1]))), 0.5 * (right + left)
-        if apart - curve > UNLIKE_SHARE * mean:
-            share = np.full(np.shape(source.estimate.strides.side), 0.5 * apart / mean)
+        lengths = pairs(source)
+        differs = apart(lengths)
+        if len(source.placements) == len(SIDES) and not wrong.intersection(source.placements) and differs > UNLIKE:
+            share = np.full(np.shape(source.estimate.strides.side), 0.5 * differs)
             changed[number] = source._replace(estimate=widened(source.estimate, share))
-            notes.append(SIDES_UNLIKE(source=source.name, right=right, left=left, strides=len(pairs)))
+            right, left = np.median(lengths, axis=0)
+            notes.append(SIDES_UNLIKE(source=source.name, right=right, left=left, strides=len(lengths)))
     return changed, notes
-
-
-def _pairs(source: SourceEstimate) -> np.ndarray:
-    """(pairs, 3) lengths of a right and a left stride at the same time [m], and their mean turn, not negative [rad]."""
-    strides = source.estimate.strides
-    if strides is None or source.estimate.strides_stddev is None:
-        return np.zeros((0, 3))
-    turn = np.zeros(np.shape(strides.side)) if strides.turn is None else np.abs(as_float(strides.turn))
-    start, end, length = as_float(strides.start), as_float(strides.end), as_float(strides.length)
-    doubted = DOUBTFUL.read(source.estimate)
-    straight = np.asarray(strides.valid, bool) & (turn <= LARGEST_TURN) & (True if doubted is None else ~doubted)
-    right, left = (np.flatnonzero(straight & (np.asarray(strides.side) == side)) for side in range(len(SIDES)))
-    if not len(left):
-        return np.zeros((0, 3))
-    middle = 0.5 * (start + end)
-    near = left[np.argmin(np.abs(middle[right, None] - middle[left]), axis=1)]
-    at_once = (start[right] < end[near]) & (start[near] < end[right])
-    right_rows, left_rows = right[at_once], near[at_once]
-    return np.stack([length[right_rows], length[left_rows], 0.5 * (turn[right_rows] + turn[left_rows])], axis=1)

@@ -10,32 +10,26 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.checks import check_shapes, sensors_of
-from jgait.estimators.combined.alike import with_sides_unlike
+from jgait.estimators.combined.alike import alike, with_sides_unlike
 from jgait.estimators.combined.compare import (
     Comparison,
     comparisons,
     contact_notes,
-    even_notes,
-    length_notes,
     quality_of,
     regular,
     side_notes,
-    source_notes,
-    step_notes,
     waist_notes,
 )
 from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
-from jgait.estimators.combined.phases import FEWEST_STRIDES
-from jgait.estimators.combined.replaced import with_replaced_doubted
-from jgait.estimators.combined.shoes import put_right
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
-from jgait.estimators.plausible import knee_notes, knees, paces_mixed
+from jgait.estimators.notes import NO_STEPS
+from jgait.estimators.plausible import knee_notes, knees
 from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
 from jgait.estimators.walking import inside, walking_alone
-from jgait.notes import NO_WALKING, Kind, Note, gravest_first, without_repeats
+from jgait.notes import Kind, Note, gravest_first, without_repeats
 from jgait.quality import SensorQuality, above, merged, opposite
 from jgait.quality import notes as writer
 from jgait.types import SIDES, AnyArray, Estimate, Flags, Legs, Recording, RecordingError, as_float, check_recording
@@ -51,14 +45,6 @@ ANGLES_DOUBTFUL = Kind(
     "them upside down, the hip's too. Their stated deviations do not contain that.",
     measure="joint angles",
 )
-NO_ANGLES_OF_STRIDES = Kind(
-    "no_angles_of_strides",
-    "check",
-    "{side}: no regular stride has hip and knee angles, because samples of the thigh or the shank are missing in each",
-    "Extremes of angles are of whole strides. The summary has none of this leg, and no row of a joint if neither leg "
-    "has any; ranges over the recording are those of the samples that are there.",
-)
-NO_STRIDES = Kind("no_strides", "stop", "no walking was found: no sensor measured a stride", NO_WALKING)
 ONE_LEG_SEEN = Kind(
     "one_leg_seen", "info", "strides of the {side} leg alone are measured", "All numbers of strides are of this leg."
 )
@@ -114,12 +100,11 @@ def analyse(
     """Everything that the sensors of a recording allow: every estimator that has its sensors, joined and cross-checked.
 
     Where several groups of sensors measure the same stride, their lengths are combined by their variances if they are
-    consistent; otherwise the more certain one is used, and a note states the contradiction. The sensors are checked
-    against each other first (units, sides, segments, clocks, see `combined.crosscheck`): a sensor in a wrong unit is
-    left out, strides of sensors on a wrong side or clock are not combined with others, and sensors of two segments of a
-    leg that have changed places are taken the other way round. A sensor that is wrong by the reader's `quality` (sign,
-    axes, scale, delay) counts only where nothing else measures, and joint angles that need it are said to be not
-    usable.
+    consistent; otherwise the more certain one is used, and the stride is marked. The sensors are checked against each
+    other first (units, sides, segments, clocks, see `combined.crosscheck`): a sensor in a wrong unit is left out,
+    strides of sensors on a wrong side or clock are not combined with others, and sensors of two segments of a leg that
+    have changed places are taken the other way round. A sensor that is wrong by the reader's `quality` (sign, axes,
+    scale, delay) counts only where nothing else measures, and joint angles that need it are said to be not usable.
 
     Args:
         recording: the signals, placements as in `jgait.PLACEMENTS`; one sensor is enough. Or the path of a file, which
@@ -157,20 +142,14 @@ def analyse(
     usable = recording._replace(sensors=kept, notes=tuple(writer.left_out(recording.quality)))
     through = {name: measured[name] for name, imu in kept.items() if imu is recording.sensors[name]}
     estimates, notes = sources(usable, body, through)
-    strides_of_sources = [source.estimate.strides for source in estimates if source.estimate.strides is not None]
-    mixed = {note for strides_of_source in strides_of_sources for note in paces_mixed(strides_of_source)}
-    usable, estimates, exchanges = put_right(usable, estimates)
-    placed = [*findings.notes, *exchanges]
     estimates, share, turned = with_time_wrong(estimates, recording.quality)
     quality = findings.explained(recording.quality)
     sides, steps, late_pairs = _pairs(quality)
     axes = findings.doubtful | {name for name, facts in quality.items() if facts.wrong}
-    wrong = axes | (frozenset().union(*sides) - _spared(sides, estimates))
+    wrong = axes.union(*(pair for pair in sides if not alike(estimates, pair)))  # a stiff leg turns less
     estimates, unlike = with_sides_unlike(estimates, wrong)
     clocks = frozenset().union(*steps, *late_pairs)
-    differ: list[Note] = []
-    if (strides := joined(estimates, wrong | clocks, wrong)) is not None:
-        strides, differ = with_replaced_doubted(strides)
+    strides = joined(estimates, wrong | clocks, wrong)
     worn = [name for source in estimates if source.name == "legs" for name in source.placements]
     late = frozenset().union(*(pair for pair in late_pairs if pair.issubset(worn)))
     ways, one_sided = distances(estimates, usable, wrong, late, share)
@@ -180,30 +159,25 @@ def analyse(
         total = total._replace(stddev=spread)
     crossed = [side for side in SIDES if findings.crossed & {f"thigh_{side}", f"shank_{side}"}]
     bent = {note for source in estimates for side in crossed for note in knee_notes(source.estimate, side)}
-    stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if note not in mixed | bent]
+    stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if note not in bent]
     unusable, angle_notes = _angles(estimates, worn, crossed, axes | late | turned)
-    differ += [*apart, *angle_notes]
+    differ = [*apart, *angle_notes]
     off = findings.clocks.union(*late_pairs, (name for name, facts in quality.items() if facts.acc_late))
     contacts: list[Note] = []
     if strides is not None:
-        differ = [*length_notes(estimates, strides), *differ, *side_notes(estimates, strides)]
         contacts = contact_notes(estimates, strides, findings.doubtful | clocks)
-        differ += [*contacts, *paces_mixed(strides.strides), *even_notes(estimates, strides, wrong | clocks)]
-        differ += waist_notes(estimates, strides, wrong | clocks) or source_notes(strides)
+        differ += [*side_notes(estimates, strides), *contacts, *waist_notes(estimates, strides, wrong | clocks)]
         legs = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
-        differ = [NO_STRIDES(), *differ]
+        differ = [NO_STEPS.note("no walking was found: no sensor measured a stride"), *differ]
     estimate = _assembled(estimates, strides, total, walking.spans)
     if strides is not None:
-        differ += _without_angles(estimate, strides)
         differ += stride_notes(strides.flags, regular(strides))
     follow = {*writer.contradictions(recording.quality)}.difference(writer.contradictions(quality))
     of_reader = [note for note in recording.notes if note not in follow]
-    every = [*walking.notes, *placed, *differ, *of_reader, *notes, *one_sided, *unlike, *stated]
+    every = [*walking.notes, *findings.notes, *differ, *of_reader, *notes, *one_sided, *unlike, *stated]
     apart_in_time = bool(contacts) or any(name.startswith("foot_") for name in off)
-    if strides is not None and not apart_in_time and not steps:
-        every += step_notes(strides)
     order = gravest_first(without_repeats(every))
     valid = {f"angles_valid_{side}": side not in unusable for side in SIDES if getattr(estimate.legs, side) is not None}
     sensors = merged(quality, *(source.quality for source in estimates))
@@ -226,29 +200,6 @@ def _pairs(quality: Mapping[str, SensorQuality]) -> tuple[list[_Pair], list[_Pai
     return sides, steps, [frozenset((name, above(name))) for name, facts in quality.items() if facts.late]
 
 
-SPARED = 0.05
-"""[1] Largest relative difference of the strides of both sides with which sensors that turn differently are not wrong.
-A foot whose rates are too small by the least ratio that is noted has a larger difference."""
-
-
-def _spared(pairs: list[_Pair], estimates: list[SourceEstimate]) -> frozenset[str]:
-    """Sensors that turn unlike those of the other leg but measure strides of the same length, as on a stiff leg. A
-    wrong unit or another segment would change lengths too.
-    """
-    spared: frozenset[str] = frozenset()
-    for pair in pairs:
-        for source in estimates:
-            strides = source.estimate.strides
-            if strides is None or not pair.issubset(source.placements):
-                continue
-            valid, sides = np.asarray(strides.valid, bool), np.asarray(strides.side)
-            each = [as_float(strides.length)[valid & (sides == side)] for side in range(len(SIDES))]
-            if min(map(len, each)) >= FEWEST_STRIDES:
-                right, left = (float(np.median(lengths)) for lengths in each)
-                spared |= pair if abs(right - left) < SPARED * max(right, left) else frozenset()
-    return spared
-
-
 def _angles(
     estimates: list[SourceEstimate], worn: list[str], crossed: list[str], wrong: frozenset[str]
 ) -> tuple[list[str], list[Note]]:
@@ -262,21 +213,6 @@ def _angles(
     names = [name for name in worn if name in wrong or name.endswith(beyond)]
     sides = [side for side in SIDES if any(name.endswith(side) for name in names)]
     return sides, [ANGLES_DOUBTFUL(sides=" and ".join(sides), sensors=", ".join(names))] if names else []
-
-
-def _without_angles(estimate: Estimate, strides: JoinedStrides) -> list[Note]:
-    """A note for each measured leg whose regular strides all lack angles."""
-    time, usual = as_float(estimate.time), regular(strides, "knee_flexion_max_deg")
-    notes = []
-    for number, side in enumerate(SIDES):
-        rows = np.flatnonzero(usual & (np.asarray(strides.strides.side) == number))
-        if (leg := getattr(estimate.legs, side)) is None or not len(rows):
-            continue
-        lacks = ~np.isfinite(as_float(leg.knee_angle))
-        spans = zip(as_float(strides.strides.start)[rows], as_float(strides.strides.end)[rows], strict=True)
-        if all(lacks[(time >= start) & (time <= end)].any() for start, end in spans):
-            notes.append(NO_ANGLES_OF_STRIDES(side=side))
-    return notes
 
 
 def _assembled(

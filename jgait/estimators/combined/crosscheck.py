@@ -10,28 +10,16 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.checks import fast_rate, force_unit
-from jgait.estimators.combined.phases import OFFSETS, WRONG_CLOCK, OutOfPhase, kind_of, swing_phases
+from jgait.estimators.combined.phases import OFFSETS, kind_of, late_clock, swing_phases
 from jgait.mounting.places import places_in
 from jgait.notes import Kind, Note, record
 from jgait.quality import SOUND, SensorQuality, above, opposite
 from jgait.types import SIDES, AnyArray, Imu, Recording, as_float
 
-WRONG_UNIT = (
+SENSOR_UNIT = Kind(
+    "sensor_unit", "check", "",
     "One sensor is in another unit than the others. Its numbers are not used; state the unit of this sensor, or "
-    "convert its columns."
-)
-
-GYR_UNIT = Kind(
-    "sensor_gyr_unit", "check", "the gyroscope of {placement} seems to be in {unit}: it turns at {rate:.3g} rad/s "
-    "where the other sensors let expect about {expected:.2g}; the sensor is left out", WRONG_UNIT,
-)  # fmt: skip
-ACC_UNIT = Kind(
-    "sensor_acc_unit", "check", "the accelerometer of {placement} seems to be in {unit}: it reads {force:.3g} m/s² in "
-    "the median, where gravity alone is 9.81; the sensor is left out", WRONG_UNIT,
-)  # fmt: skip
-TRUNK_CLOCK_OFF = Kind(
-    "trunk_clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: it moves when "
-    "the legs rest, and rests when they move", WRONG_CLOCK,
+    "convert its columns.",
 )  # fmt: skip
 
 USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
@@ -119,14 +107,14 @@ def crosscheck(recording: Recording) -> Findings:
         every |= {placement: sensors[label] for placement, label in places.worn.items()}
     sensors = {name: every[name] for name in sensors}
     replaced, crossed, exchanges = frozenset[str](), frozenset[str](), list[Note]()
-    swings = swing_phases(sensors)
-    if places is not None and not swings.clocks & places.unsure_of:  # a clock that is off explains the doubt
+    late, clocks = swing_phases(sensors)
+    if places is not None and not clocks & places.unsure_of:  # a clock that is off explains the doubt
         replaced, crossed, exchanges = frozenset(places.moved), places.doubtful, places.notes()
-        swings = OutOfPhase((), crossed) if crossed else swings
+        late, clocks = ([], frozenset()) if crossed else (late, clocks)
     off, of_trunk = _trunk(sensors)
     return Findings(
-        (*notes, *exchanges, *swings.notes, *off), frozenset(unusable),
-        swings.doubtful | of_trunk, every, crossed, replaced, swings.clocks,
+        (*notes, *exchanges, *late, *off), frozenset(unusable), clocks | crossed | of_trunk, every, crossed, replaced,
+        clocks,
     )  # fmt: skip
 
 
@@ -151,11 +139,20 @@ def _units(sensors: Mapping[str, Imu], rates: Mapping[str, float]) -> tuple[list
         if rates[name] > 0.0 and not 1.0 / UNIT_RATIO < ratio < UNIT_RATIO:
             wrong.add(name)
             unit = "deg/s" if ratio > 1.0 else "rad/s, and was converted as if in deg/s"
-            notes.append(GYR_UNIT(placement=name, unit=unit, rate=fast_rate(imu), expected=expected))
+            text = (
+                "the gyroscope of {placement} seems to be in {unit}: it turns at {rate:.3g} rad/s where the other "
+                "sensors let expect about {expected:.2g}; the sensor is left out"
+            )
+            values = {"unit": unit, "rate": fast_rate(imu), "expected": expected}
+            notes.append(SENSOR_UNIT.note(text, placement=name, **values))
         force, unit = force_unit(imu)
         if unit:
             wrong.add(name)
-            notes.append(ACC_UNIT(placement=name, unit=unit, force=force))
+            text = (
+                "the accelerometer of {placement} seems to be in {unit}: it reads {force:.3g} m/s² in the median, "
+                "where gravity alone is 9.81; the sensor is left out"
+            )
+            notes.append(SENSOR_UNIT.note(text, placement=name, unit=unit, force=force))
     return notes, wrong
 
 
@@ -198,7 +195,7 @@ def _trunk(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
         seconds = delay * step
         if abs(seconds) > LATE_S and likeness > LIKE and gain > LEAST_GAIN:
             words = "late" if seconds > 0.0 else "early"
-            notes.append(TRUNK_CLOCK_OFF(placement=name, seconds=abs(seconds), direction=words))
+            notes.append(late_clock(name, abs(seconds), words))
             doubtful.add(name)
     return notes, doubtful
 

@@ -5,14 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.combined.lying import lying
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
-from jgait.estimators.ends import MID_STANCE, SHORT
+from jgait.estimators.ends import MID_STANCE
 from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import impossible, knees, too_fast
-from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN, SHORT_STRIDE, durations
+from jgait.estimators.stride_flags import DOUBTFUL, FEWEST_STRIDES, durations
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
 from jgait.types import SIDES, Imu, Recording, Strides, as_float
@@ -26,25 +25,12 @@ DISTANCES_DIFFER = Kind(
 )  # fmt: skip
 DISTANCE_OF_ONE_SIDE = Kind(
     "distance_of_one_side", "corrected", "distance by {source}: only the {side} side counts, because the sensor of the "
-    "other side is in doubt, lost samples or lay still", LEFT_OUT.meaning,
+    "other side is in doubt, lost samples or lacks strides while this side walks", LEFT_OUT.meaning,
 )  # fmt: skip
-
-DISTANCE_EXTENDED = Kind(
-    "distance_extended", "corrected", "distance: {metres:.1f} m of it are before the first and after the last whole "
-    "stride, at the median walking speed, because the recording begins or ends in walking",
-    "The recording cuts strides off. What is walked there is not measured stride by stride; the deviation contains it.",
-)  # fmt: skip
-
-DISTANCE_OVER_LOSS = Kind(
-    "distance_over_loss", "corrected", "distance: {metres:.1f} m of it are in {seconds:.1f} s that are lost, at the "
-    "median walking speed, because the person walks before and after",
-    "What is walked there is not measured. A person who stood still there walked less; the deviation contains it.",
-)  # fmt: skip
-
-SIDES_APART = Kind(
-    "distance_sides_apart", "check", "distance by {source}: {right:.1f} m by the right side, {left:.1f} m by the left",
-    "Both legs walk as far. Strides of one side are missing or wrong, as of a sensor that slipped or was put on anew. "
-    "The distance is the mean of both, and its deviation contains half of the difference.",
+DISTANCE_ADDED = Kind(
+    "distance_added", "corrected", "distance: {metres:.1f} m of it are {where}, at the median walking speed",
+    "What is walked where the recording cuts strides off or loses samples is not measured stride by stride; the "
+    "deviation contains it. A person who stood still in a loss walked less.",
 )  # fmt: skip
 
 SMALL = 0.5
@@ -54,11 +40,9 @@ steps that a shank missed in simulated walks of 0.1 to 0.15 m/s have 0.4 to 1, t
 USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 """[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
 
-CUT_SD = 0.2
-"""[1] Relative standard deviation of the distance that is walked where the recording cuts a stride off."""
-
-LOSS_SD = 0.3
-"""[1] `CUT_SD` for a loss of samples, in which a person can also stand still; chosen."""
+ADDED_SD = 0.3
+"""[1] Relative standard deviation of the distance where the recording cuts a stride off or loses samples, in which a
+person can also stand still; chosen."""
 
 MOVES = 0.5
 """[1] Least mean rate of a sensor beside a loss, over that in strides, with which the person walks beside it."""
@@ -73,10 +57,6 @@ LOSS_DIFFERENCE_M = 0.5
 DOUBTFUL_SD = 0.1
 """[1] Relative standard deviation of a distance if all of its sources are in doubt; chosen with simulated runners
 (experiment `people.gaits`)."""
-
-FAR_APART = 0.2
-"""[1] Largest difference of the distances of both sides over their mean: that of the outer and the inner foot in a
-circle with a radius of a metre."""
 
 MOSTLY = 0.5
 """[1] Share of doubtful strides of a side above which the side's distance is in doubt."""
@@ -100,7 +80,6 @@ class WalkedDistance(NamedTuple):
     doubtful: bool  #: whether its sensors are in doubt, so that it counts only if there is no other.
     cut: float = 0.0  #: what of it is walked before the first and after the last whole stride [m].
     bridged: float = 0.0  #: what of it is walked in losses [m].
-    bridged_s: float = 0.0  #: duration of these losses [s].
     unseen: float = 0.0  #: standard deviation of what is not measured [m], part of `stddev`.
 
 
@@ -149,15 +128,10 @@ def distances(
         if source.name == "legs":  # the deviations of other sources contain the error of rates
             sd = float(np.hypot(sd, rates_share * total))
         doubted = _stopped(source) | _mostly_doubtful(source) | (wrong if source.name != "legs" else wrong | late)
-        still, lies = lying(source, recording.sensors)
-        sides = _sides(source, recording, doubted, still)
-        notes += lies
+        sides = _sides(source, recording, doubted)
         used = _best(sides)
         way, doubtful = as_float(estimate.distance), bool(doubted.intersection(source.placements)) or _lacking(source)
         doubtful |= runs and source.name == "legs"  # in the flight phase no foot carries the hip
-        if len(used) == len(SIDES) and (apart := _apart(used)):
-            sd = float(np.hypot(sd, 0.5 * apart))
-            notes.append(SIDES_APART(source=source.name, **{side.name: side.length for side in used}))
         if len(used) < len(sides):
             scale = float(np.mean([side.length for side in used]) / max(np.mean([side.length for side in sides]), 1e-6))
             way, sd = _by_strides(source, used[0], scale * total), scale * float(np.hypot(sd, ONE_SIDE * total))
@@ -192,25 +166,14 @@ def _lacking(source: SourceEstimate, side: str = "") -> bool:
 
 
 def _best(sides: list[_Side]) -> list[_Side]:
-    """The sides with strides that are not in doubt, or else all; of these, those that lost least of the walk."""
+    """The sides with strides that are not in doubt, or else all; of these, those that do not lack more than others."""
     sound = [side for side in sides if not side.doubtful and side.length > 0.0] or sides
-    missing = [side.unknown + side.speed * sum(end - begin for begin, end in side.bridged) for side in sound]
-    return [side for side, metres in zip(sound, missing, strict=True) if metres <= min(missing) + LOSS_DIFFERENCE_M]
+    least = min((side.unknown for side in sound), default=0.0)
+    return [side for side in sound if side.unknown <= least + LOSS_DIFFERENCE_M]
 
 
-def _apart(sides: list[_Side]) -> float:
-    """Difference of the distances of two sides [m] if strides of one must be missing, else 0."""
-    side, other = sides
-    apart, mean = abs(side.length - other.length), 0.5 * (side.length + other.length)
-    return apart if apart > max(FAR_APART * mean, 2.0 * max(side.stride, other.stride)) else 0.0
-
-
-def _sides(
-    source: SourceEstimate, recording: Recording, doubted: frozenset[str], still: dict[str, float]
-) -> list[_Side]:
-    """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides. `still`
-    has the time in which a sensor does not move while the other leg walks, by placement [s].
-    """
+def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]) -> list[_Side]:
+    """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides."""
     strides = source.estimate.strides
     sides: list[_Side] = []
     if strides is None or not np.any(strides.valid):
@@ -224,14 +187,32 @@ def _sides(
         mine = valid & (np.asarray(strides.side) == SIDES.index(side)) if side else valid
         whole = np.flatnonzero(mine & ~beyond)
         whole = whole[np.argsort(start[whole], kind="stable")]
-        seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], length[whole], usual)
-        lengths, speed = float(np.nansum(length[mine])), _speed(strides, mine)
-        unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond])) + speed * still.get(name, 0.0)
+        seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], usual)
+        lengths = float(np.nansum(length[mine]))
+        timed = mine & np.isfinite(lasts)
+        speed = float(np.nanmedian(length[timed] / lasts[timed])) if timed.any() else USUAL_SPEED
+        unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond]))
+        unknown += speed * _other_alone(strides, SIDES.index(side)) if side else 0.0
         stride = float(np.nanmedian(length[mine])) if mine.any() else 0.0
         lacking = SMALL * stride * of_sensor(source.quality, name).small_swings
         cut = _cut(source, name)
         sides.append(_Side(side, lengths, unknown, name in doubted, speed, stride, lacking, cut, bridged))
     return sides
+
+
+def _other_alone(strides: Strides, side: int) -> float:
+    """Time [s] in which the other leg takes `FEWEST_STRIDES` strides or more and this leg none: its sensor fell off, or
+    was put on anew in a way in which it finds none.
+    """
+    spans = np.stack([as_float(strides.start), as_float(strides.end)], axis=1)
+    mine, other = (spans[np.asarray(strides.valid, bool) & (np.asarray(strides.side) == k)] for k in (side, 1 - side))
+    mine = mine[np.argsort(mine[:, 0])]
+    seconds = 0.0
+    for after, before in zip([-np.inf, *np.maximum.accumulate(mine[:, 1])], [*mine[:, 0], np.inf], strict=True):
+        alone = other[(other[:, 0] >= after) & (other[:, 1] <= before)]
+        if len(mine) and len(alone) >= FEWEST_STRIDES:
+            seconds += float(np.ptp(alone))
+    return seconds
 
 
 def _cut(source: SourceEstimate, placement: str) -> Spans:
@@ -242,18 +223,6 @@ def _cut(source: SourceEstimate, placement: str) -> Spans:
     return before + ([(last - facts.walks_after, last)] if facts.walks_after else [])
 
 
-def _speed(strides: Strides, of_side: np.ndarray) -> float:
-    """Median speed [m/s] of the strides of a side between other strides; with turns, of the other side, or
-    `USUAL_SPEED`, if there are no others.
-    """
-    length, valid = as_float(strides.length), np.asarray(strides.valid, bool)
-    speeds = length / durations(strides)
-    whole = valid & np.isfinite(speeds) & (length > SHORT_STRIDE * np.percentile(length[valid], 75.0))
-    straight = np.abs(np.zeros(len(length)) if strides.turn is None else as_float(strides.turn)) <= LARGEST_TURN
-    chosen = next((rows for rows in (whole & of_side & straight, whole & of_side, whole) if rows.any()), None)
-    return USUAL_SPEED if chosen is None else float(np.median(speeds[chosen]))
-
-
 def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
     """The distance of a source, with the distance walked in times that no stride of its sides covers.
 
@@ -261,7 +230,7 @@ def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, u
     """
     estimate = source.estimate
     time, measured_way = as_float(estimate.time), way
-    added, bridged_s = {"cut": 0.0, "bridged": 0.0}, 0.0
+    added = {"cut": 0.0, "bridged": 0.0}
     for side in used:
         for name in added:
             for begin, end in getattr(side, name):
@@ -269,16 +238,14 @@ def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, u
                 metres = max(side.speed * (end - begin) - gained, 0.0) / len(used)
                 way = way + np.interp(time, [begin, end], [0.0, metres])
                 added[name] += metres
-                if name == "bridged" and metres > 0.0:
-                    bridged_s += (end - begin) / len(used)
     if used:
         unknown = float(np.mean([used_side.unknown for used_side in used]))
     else:
         unknown = USUAL_SPEED * float(np.median(np.diff(time)) * np.sum(~np.asarray(estimate.valid, bool)))
-    unseen = float(np.linalg.norm([unknown, CUT_SD * added["cut"], LOSS_SD * added["bridged"]]))
+    unseen = float(np.linalg.norm([unknown, *(ADDED_SD * metres for metres in added.values())]))
     lacking = float(np.mean([used_side.lacking for used_side in used])) if used else 0.0
     spread = float(np.linalg.norm([sd, unseen, lacking]))
-    return WalkedDistance(source.name, time, way, spread, doubtful, **added, bridged_s=bridged_s, unseen=unseen)
+    return WalkedDistance(source.name, time, way, spread, doubtful, **added, unseen=unseen)
 
 
 def _by_strides(source: SourceEstimate, side: _Side, total: float) -> np.ndarray:
@@ -297,16 +264,15 @@ def _by_strides(source: SourceEstimate, side: _Side, total: float) -> np.ndarray
     return way * (total / max(float(done[-1]), 1e-6))
 
 
-def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, usual: float) -> tuple[float, Spans]:
-    """Walking that is lost between strides, which are given by start [s], end [s] and length [m] in the order of their
-    starts.
+def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, usual: float) -> tuple[float, Spans]:
+    """Walking that is lost between strides, which are given by start and end [s] in the order of their starts.
 
     A stride is measured from one stance to the next, so that a loss up to the middle of the stance after its end can
     take it away. `usual` is the duration of a stride [s].
 
     Returns:
         Duration [s] in which strides can be missing, and the losses in walking: begin and end [s] of those between two
-        strides that are not short as those from and to standing, beside which the sensor moves as in strides.
+        strides, beside which the sensor moves as in strides.
     """
     time, seconds, bridged = as_float(imu.time), 0.0, []
     measured, rate = np.asarray(imu.mask, bool), np.linalg.norm(as_float(imu.gyr), axis=1)
@@ -315,7 +281,6 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, 
     edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before, stance)]
     lost, near = (lost_between(~measured, time, edges[0], until) for until in edges[1:])
     gaps = time[not_bridged(~measured, time)]
-    walks = np.concatenate([[False], length > SHORT * np.median(length), [False]]) if len(length) else [False] * 2
     began = np.searchsorted(start, time, side="right") - np.searchsorted(np.sort(end), time)
     strides = rate[(began > 0) & measured]
     for number, (begin, until, gone) in enumerate(zip(after, before, lost, strict=True)):
@@ -325,7 +290,7 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, length: np.ndarray, 
         beside = [(first - USUAL_STRIDE_S, first) for first in within[:1]]
         beside += [(last, last + USUAL_STRIDE_S) for last in within[-1:]]
         rates = [rate[measured & (time >= a) & (time <= b)] for a, b in beside]
-        walking = walks[number] and walks[number + 1] and until - begin < gone + NEAR * max(usual, USUAL_STRIDE_S)
+        walking = 0 < number < len(start) and until - begin < gone + NEAR * max(usual, USUAL_STRIDE_S)
         if walking and all(not len(part) or np.mean(part) > MOVES * np.mean(strides) for part in rates):
             bridged.append((float(begin), float(until)))
         elif gone > LONGEST_LOSS:
@@ -360,10 +325,11 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
         for distance in distances
         if abs(distance.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(distance.stddev, best.stddev))
     ]  # fmt: skip
-    if best.cut > 0.0:
-        notes.append(DISTANCE_EXTENDED(metres=best.cut))
-    if best.bridged >= 0.05:  # less is 0.0 m in words
-        notes.append(DISTANCE_OVER_LOSS(metres=best.bridged, seconds=best.bridged_s))
+    for metres, where in (
+        (best.cut, "before the first and after the last whole stride"), (best.bridged, "in losses of samples"),
+    ):  # fmt: skip
+        if metres >= 0.05:  # less is 0.0 m in words
+            notes.append(DISTANCE_ADDED(metres=metres, where=where))
     used = "+".join(distance.source for distance, keeps in zip(sure, kept, strict=True) if keeps)
     way = best.distance * value / best.distance[-1]
     spread = float(np.linalg.norm([sd, common, apart]))

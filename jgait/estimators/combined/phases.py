@@ -5,23 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.stride_flags import FEWEST_STRIDES
 from jgait.notes import Kind, Note
 from jgait.signal.butterworth import low_pass_both_ways
 from jgait.signal.peaks import peaks
 from jgait.types import SIDES, Imu, as_float
 
-WRONG_CLOCK = (
-    "Contacts and joint angles that need both this sensor and another are wrong by this time. The sensor's own strides "
-    "hold; they are not combined with those of the others. Synchronise the sensors and compute the result again."
-)
-
 CLOCK_OFF = Kind(
-    "clock_off", "check", "the clock of {placement} seems to be about {seconds:.1f} s {direction}: its leg swings at "
-    "another time than the other sensors show", WRONG_CLOCK,
-)  # fmt: skip
-LEGS_TOGETHER = Kind(
-    "legs_together", "check", "{placement} and {other} swing {seconds:.2f} s apart, where half a stride is {half:.2f} "
-    "s: one of the two clocks seems to be off, or both are on one leg", WRONG_CLOCK,
+    "clock_off", "check", "",
+    "Contacts and joint angles that need both this sensor and another, steps, and what differs between right and left "
+    "in time are wrong by this. The sensor's own strides and lengths hold. Synchronise the sensors and compute the "
+    "result again.",
 )  # fmt: skip
 
 OFFSETS = {"foot": -0.10, "shank": 0.0, "ankle": 0.02, "thigh": -0.08}
@@ -49,9 +43,6 @@ shift, of a thigh whose clock is off; chosen, so that people who limp or run (`s
 RUNS = 0.36
 """[strides] Phase of both sensors of a pair below which neither is off: in running both feet swing earlier beside the
 shanks than in walking, by more than `APART`."""
-
-FEWEST_STRIDES = 3
-"""[1] Least number of strides for a comparison of phases."""
 
 LOST = 0.1
 """[1] Largest share of lost samples in a stride that is compared."""
@@ -134,29 +125,27 @@ def _wrapped(strides: float) -> float:
     return (strides + 0.5) % 1.0 - 0.5
 
 
-class OutOfPhase(NamedTuple):
-    """Leg sensors that swing at another time than the other sensors."""
+type Late = tuple[list[Note], frozenset[str]]
+"""Notes on leg sensors that swing at another time than the other sensors, and placements whose clock seems off."""
 
-    notes: tuple[Note, ...] = ()  #: notes about them.
-    doubtful: frozenset[str] = frozenset()  #: their placements.
-    clocks: frozenset[str] = frozenset()  #: placements whose clock seems off.
+NONE_LATE: Late = [], frozenset()
 
 
-def swing_phases(sensors: Mapping[str, Imu]) -> OutOfPhase:
+def swing_phases(sensors: Mapping[str, Imu]) -> Late:
     """The leg sensors that swing at another time than the other sensors."""
     legs = [f"{kind}_{side}" for kind in ("shank", "foot", "ankle", "thigh") for side in SIDES]
     legs = [name for name in legs if name in sensors]
     if len(legs) < 2 or kind_of(legs[0]) == "thigh":
-        return OutOfPhase()
+        return NONE_LATE
     swings = _swings(sensors[legs[0]])
     lasts = np.diff(swings)
     whole = (lasts > STRIDE_S[0]) & (lasts < STRIDE_S[1])
     if not whole.any():
-        return OutOfPhase()
+        return NONE_LATE
     stride = float(np.median(lasts[whole]))
     whole &= np.abs(lasts / stride - 1.0) < 0.3
     if whole.sum() < FEWEST_STRIDES:
-        return OutOfPhase()
+        return NONE_LATE
     begins, ends = swings[:-1][whole], swings[1:][whole]
     closing = np.mean(np.append(lasts[1:] > PAUSES * lasts[:-1], True)[whole]) > MOSTLY
     phases: dict[str, float] = {}
@@ -180,10 +169,16 @@ def swing_phases(sensors: Mapping[str, Imu]) -> OutOfPhase:
     return _named(phases, stride, unsure)
 
 
-def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> OutOfPhase:
+def late_clock(placement: str, seconds: float, direction: str) -> Note:
+    """A note on a sensor that moves late or early beside the others."""
+    text = "the clock of {placement} seems to be about {seconds:.1f} s {direction}: it moves when the others rest"
+    return CLOCK_OFF.note(text, placement=placement, seconds=seconds, direction=direction)
+
+
+def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> Late:
     """The phases that contradict the others, in words; `unsure` ones give no note on a clock."""
     if len(phases) < 2:
-        return OutOfPhase()
+        return NONE_LATE
     names = list(phases)
 
     def away(common: float) -> list[str]:
@@ -198,13 +193,17 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> OutOfPh
     common += float(np.median([_wrapped(value - common) for value in near]))
     wrong = away(common)
     if not wrong:
-        return OutOfPhase()
+        return NONE_LATE
     if len(names) == 2:
         if unsure:
-            return OutOfPhase()
+            return NONE_LATE
         apart = abs(_wrapped(phases[names[0]] - phases[names[1]] + 0.5)) * stride
-        note = LEGS_TOGETHER(placement=names[0], other=names[1], seconds=apart, half=0.5 * stride)
-        return OutOfPhase((note,), frozenset(names), frozenset(names))
+        text = (
+            "{placement} and {other} swing {seconds:.2f} s apart, where half a stride is {half:.2f} s: one of the two "
+            "clocks seems to be off, or both are on one leg"
+        )
+        note = CLOCK_OFF.note(text, placement=names[0], other=names[1], seconds=apart, half=0.5 * stride)
+        return [note], frozenset(names)
     notes: list[Note] = []
     clocks = set[str]()
     for kind in OFFSETS:
@@ -216,6 +215,6 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> OutOfPh
         direction = "late" if strides > 0.0 else "early"
         if abs(strides) > EITHER:
             direction = "late or early"
-        notes.append(CLOCK_OFF(placement=name, seconds=abs(strides) * stride, direction=direction))
+        notes.append(late_clock(name, abs(strides) * stride, direction))
         clocks.add(name)
-    return OutOfPhase(tuple(notes), frozenset(clocks), frozenset(clocks))
+    return notes, frozenset(clocks)

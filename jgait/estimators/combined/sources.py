@@ -17,6 +17,7 @@ from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note, record
 from jgait.quality import SensorQuality, widened
+from jgait.quality.stride import LEAST_FACTOR
 from jgait.types import SIDES, Estimate, Imu, Recording, RecordingError
 
 NOT_USED = Kind(
@@ -213,19 +214,16 @@ def with_time_wrong(
         name for source in estimates if source.estimator in ("foot_ins", "ankle_stride") for name in source.placements
     }
     off = {
-        name: RATES_SHARE * abs(float(np.log(facts.rates_factor)))
+        name: RATES_SHARE * abs(float(np.log(max(facts.rates_factor, LEAST_FACTOR))))
         for source in estimates for name, facts in source.quality.items() if facts.rates_off
     }  # fmt: skip
     many = any(max(facts.rows_lost, facts.rows_twice) >= MANY_ROWS for facts in quality.values())
     if not many and (not off or set(off) != worn):
         return estimates, 0.0, frozenset(off)
     share = ROWS_SHARE if many else float(np.mean(list(off.values())))
-
-    def wider(source: SourceEstimate) -> SourceEstimate:
-        strides = source.estimate.strides
-        if strides is None or off.keys() & set(source.placements):
-            return source
-        return source._replace(estimate=widened(source.estimate, np.full(np.shape(strides.side), share)))
-
-    every = frozenset(name for source in estimates for name in source.placements)
-    return [wider(source) for source in estimates], share, every
+    changed = list(estimates)
+    for number, source in enumerate(estimates):
+        if source.estimate.strides is not None and not off.keys() & set(source.placements):
+            each = np.full(np.shape(source.estimate.strides.side), share)
+            changed[number] = source._replace(estimate=widened(source.estimate, each))
+    return changed, share, frozenset(name for source in estimates for name in source.placements)

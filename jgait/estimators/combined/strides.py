@@ -20,7 +20,7 @@ from jgait.estimators.stride_flags import (
     durations,
 )
 from jgait.notes import record
-from jgait.types import SIDES, Estimate, Flags, Legs, Strides, as_float
+from jgait.types import SIDES, Estimate, Legs, Strides, as_float
 
 SAME = 0.5
 """[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
@@ -33,9 +33,6 @@ ALONE = 0.3
 
 CONSISTENT = 3.0
 """[1] Values of a stride are combined if they differ by fewer standard deviations of their difference than this."""
-
-OFTEN = 1.0 / 3.0
-"""[1] Share of a source's common strides that contradict others, above which the source contradicts often; chosen."""
 
 BRIEF = 0.6
 """[1] A stride that lasts less than this part of the median stride, and is not from or to standing, is wrong."""
@@ -52,15 +49,11 @@ FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid")
 TIMES = ("start", "final_contact", "end", "standing", "standing_end", "speed")
 """Quantities of a stride from its first source, or from sources with the same clock."""
 
-PITCHES = ("contact_angle", "push_off_angle")
-"""Quantities of a stride at its contacts."""
-
 COMBINED = ("length", "height", "turn")
 """Quantities of a stride that are combined; others are those of the first source that has them."""
 
-FLAGS = {flag.name: flag.read for flag in (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)}
-FLAGS[UNEVEN_DURATION.name] = lambda estimate: estimate.diagnostics.get(UNEVEN_DURATION.name)
-"""Flag of strides → function of a source's estimate: (strides,) bool, or None."""
+FLAGS = (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)
+"""Flags of strides that sources state."""
 
 
 @record
@@ -97,29 +90,45 @@ def joined(
         wrong: those of them whose strides are in doubt themselves, and not only their times. Lengths of the others
             count for the strides that they are the same as.
     """
-    having = [source for source in sources if source.estimate.strides is not None and source.name != "width"]
-    if not having:
-        return None
-    trusted = {(s.name, side): _trusted(s, side, doubtful) for s in having for side in SIDES}
-    groups: list[dict[str, int]] = []
-    for number, side in enumerate(SIDES):
-        # doubtful sources come last, so that their times and strides count only where no other source has any
-        order = sorted(having, key=lambda source: not trusted[source.name, side])
-        alone = not any(trusted[source.name, side] for source in having)
-        of_side: list[tuple[float, float, dict[str, int]]] = []
-        for source in order:
-            if trusted[source.name, side] or alone or not of_side:
-                _add(of_side, source, number)
-            elif _trusted(source, side, wrong):
-                _add(of_side, source, number, new=False)
-        groups += [group for *_, group in of_side]
-    if not groups:
-        return None
-    doubts = {source.name: _doubted(source, wrong) for source in having}
-    unlike = [s.name for s in having if any(facts.unlike or facts.runs for facts in s.quality.values())]
-    if len(unlike) < len(having):
-        doubts |= {name: np.ones_like(doubts[name]) for name in unlike}
-    return _table(having, groups, trusted, doubts, next((s for s in sources if s.name == "width"), None))
+    columns = [_columns(s, doubtful, wrong) for s in sources if s.estimate.strides is not None and s.name != "width"]
+    unlike = [any(facts.unlike or facts.runs for facts in c.source.quality.values()) for c in columns]
+    if not all(unlike):
+        columns = [c._replace(doubted=c.doubted | odd) for c, odd in zip(columns, unlike, strict=True)]
+    groups = [group for side in range(len(SIDES)) for group in _matched(columns, side, wrong)]
+    return _table(columns, groups, next((s for s in sources if s.name == "width"), None)) if groups else None
+
+
+class _Columns(NamedTuple):
+    """The strides of a source: an array of quantities, and what is in doubt."""
+
+    source: SourceEstimate
+    values: np.ndarray  #: (n, F) `FIELDS` of each stride; NaN where the source does not give it.
+    spread: np.ndarray  #: (n, F) their standard deviations.
+    flags: dict[str, np.ndarray]  #: name → (n,) bool, of the flags that the source states.
+    doubted: np.ndarray  #: (n,) bool, strides that contradict the model, that nobody walks, or of a wrong sensor.
+    timed: tuple[bool, bool]  #: whether times of each side count.
+
+
+def _columns(source: SourceEstimate, doubtful: frozenset[str], wrong: frozenset[str]) -> _Columns:
+    estimate = source.estimate
+    strides, side = estimate.strides, np.asarray(estimate.strides.side)
+    nothing = np.full(len(side), np.nan)
+
+    def table(record: PyTree) -> np.ndarray:
+        every = (getattr(record, field, None) for field in FIELDS)
+        return np.stack([nothing if column is None else as_float(column) for column in every], axis=1)
+
+    read = {flag.name: flag.read(estimate) for flag in FLAGS}
+    read[UNEVEN_DURATION.name] = estimate.diagnostics.get(UNEVEN_DURATION.name)
+    flags = {name: np.asarray(marked, bool) for name, marked in read.items() if marked is not None}
+    lasts = as_float(strides.end) - as_float(strides.start)
+    brief = lasts < BRIEF * np.median(lasts) if len(lasts) else lasts > 0.0
+    doubted = impossible(strides) | (brief & ~flags[HALF.name])
+    doubted |= np.array([not _trusted(source, name, wrong) for name in SIDES])[side]
+    if (stated := DOUBTFUL.read(estimate)) is not None:
+        doubted |= stated
+    right, left = (_trusted(source, name, doubtful) for name in SIDES)
+    return _Columns(source, table(strides), table(estimate.strides_stddev), flags, doubted, (right, left))
 
 
 def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> bool:
@@ -127,47 +136,102 @@ def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> boo
     return not doubtful.intersection(placements)
 
 
-def _add(
-    groups: list[tuple[float, float, dict[str, int]]], source: SourceEstimate, side: int, *, new: bool = True
-) -> None:
-    """Add the strides of a source and a side to the strides that they are the same as, or as `new` ones."""
-    strides, unknown = source.estimate.strides, source.estimate.diagnostics.get("side_unknown")
-    rows = np.flatnonzero((np.asarray(strides.side) == side) & np.asarray(strides.valid, bool))
-    before = list(groups)
-    for row in rows:
-        if unknown is not None and unknown[row] and before:
+def _matched(columns: list[_Columns], side: int, wrong: frozenset[str]) -> list[dict[str, int]]:
+    """The strides of a side, each with its row in every source that measures it."""
+    found: list[tuple[float, float, dict[str, int]]] = []
+    alone = not any(each.timed[side] for each in columns)
+    # doubtful sources come last, so that their times and strides count only where no other source has any
+    for source, _, _, flags, _, timed in sorted(columns, key=lambda each: not each.timed[side]):
+        new = timed[side] or alone or not found
+        if not new and not _trusted(source, SIDES[side], wrong):
             continue
-        start, end = float(strides.start[row]), float(strides.end[row])
-        shared = [max(0.0, min(end, b) - max(start, a)) for a, b, _ in before]
-        alike = [
-            1.0 if abs(end - b) < SAME_CONTACT else share / (max(end, b) - min(start, a))
-            for share, (a, b, _) in zip(shared, before, strict=True)
-        ]
-        best = int(np.argmax(alike)) if alike else -1
-        if best >= 0 and alike[best] > SAME and source.name not in before[best][2]:
-            before[best][2][source.name] = int(row)
-        elif new and (not alike or max(shared) < ALONE * (end - start)):
-            groups.append((start, end, {source.name: int(row)}))
+        strides, before = source.estimate.strides, list(found)
+        known = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
+        if before and SIDE_UNKNOWN.name in flags:
+            known &= ~flags[SIDE_UNKNOWN.name]
+        for row in np.flatnonzero(known).tolist():
+            start, end = float(strides.start[row]), float(strides.end[row])
+            shared = [max(0.0, min(end, b) - max(start, a)) for a, b, _ in before]
+            alike = [
+                1.0 if abs(end - b) < SAME_CONTACT else share / (max(end, b) - min(start, a))
+                for share, (a, b, _) in zip(shared, before, strict=True)
+            ]
+            best = int(np.argmax(alike)) if alike else -1
+            if best >= 0 and alike[best] > SAME and source.name not in before[best][2]:
+                before[best][2][source.name] = row
+            elif new and (not alike or max(shared) < ALONE * (end - start)):
+                found.append((start, end, {source.name: row}))
+    return [group for *_, group in found]
 
 
-def _table(
-    sources: Sequence[SourceEstimate], groups: list[dict[str, int]], trusted: Mapping[tuple[str, str], bool],
-    doubts: Mapping[str, np.ndarray], width: SourceEstimate | None,
-) -> JoinedStrides:  # fmt: skip
-    by_name = {source.name: source for source in sources}
-    marks = {name: {flag: read(source.estimate) for flag, read in FLAGS.items()} for name, source in by_name.items()}
-    lasts = {s.name: as_float(s.estimate.strides.end) - as_float(s.estimate.strides.start) for s in sources}
+class _Stride(NamedTuple):
+    """One stride, with the values of its sources."""
+
+    first: str
+    side: int
+    group: dict[str, int]
+    values: np.ndarray
+    spread: np.ndarray
+    flags: set[str]
+    used: frozenset[str]
+    contradicts: bool
+    doubtful: bool
+
+
+AT = {name: number for number, name in enumerate(FIELDS)}
+"""Quantity → its column."""
+
+
+def _stride(columns: Mapping[str, _Columns], group: dict[str, int]) -> _Stride:
+    """A stride from its row in each source; rows in doubt count only where no other source has the stride.
+
+    If the clock of a source is in doubt, all but its times count.
+    """
+    every = [name for name in columns if name in group]
+    value, sd = ({name: getattr(columns[name], part)[group[name]] for name in every} for part in ("values", "spread"))
+    sure = [name for name in every if not columns[name].doubted[group[name]]]
+    side = int(columns[every[0]].source.estimate.strides.side[group[every[0]]])
+    timed = [name for name in every if columns[name].timed[side]] or every
+    timed = [name for name in timed if name in sure] or timed
+    names = sure or timed
+    first = timed[0]
+    values, spread = np.full((2, len(FIELDS)), np.nan)
+    for field, at in AT.items():
+        of_field = timed if field in TIMES else names
+        if name := next((name for name in of_field if np.isfinite(value[name][at])), ""):
+            values[at], spread[at] = value[name][at], sd[name][at]
+    used, contradicts = frozenset([names[0]]), False
+    for field in COMBINED:
+        at = AT[field]
+        known = [name for name in names if np.isfinite(value[name][at]) and sd[name][at] > 0.0]
+        if known:
+            numbers = np.array([[value[name][at], sd[name][at]] for name in known])
+            values[at], spread[at], kept = combined(numbers[:, 0], numbers[:, 1], correlation(known))
+            if field == "length":
+                used = frozenset(name for name, keeps in zip(known, kept, strict=True) if keeps)
+                contradicts = not kept.all()
+    length, step, speed = (AT[name] for name in ("length", "step_length", "speed"))
+    stepped = next((name for name in names if np.isfinite(value[name][step])), first)
+    share = values[length] / value[stepped][length] if value[stepped][length] > 0.0 else np.nan
+    values[step], spread[step] = share * values[step], share * spread[step]  # a part of the combined stride
+    if value[first][length] > 0.0:
+        values[speed] = value[first][speed] * values[length] / value[first][length]
+    if sd[first][length] > 0.0:
+        spread[speed] = sd[first][speed] * spread[length] / sd[first][length]
+    flags = {flag for name in names for flag, of_source in columns[name].flags.items() if of_source[group[name]]}
+    return _Stride(first, side, group, values, spread, flags, used, contradicts, names[0] not in sure)
+
+
+def _table(columns: list[_Columns], groups: list[dict[str, int]], width: SourceEstimate | None) -> JoinedStrides:
+    by_name = {each.source.name: each for each in columns}
+    lasts = {name: each.values[:, AT["end"]] - each.values[:, AT["start"]] for name, each in by_name.items()}
     usual = float(np.median([lasts[name][row] for group in groups for name, row in group.items()]))
-    rows = [_told(by_name, group, trusted, doubts, marks, usual) for group in groups]
-    rows.sort(key=lambda stride: stride.values["start"])
-    rows = _alone(rows, _walks(sources))
-    n = len(rows)
+    rows = sorted((_stride(by_name, group) for group in groups), key=lambda stride: stride.values[AT["start"]])
     side = np.array([stride.side for stride in rows], int)
-    values = {name: np.array([stride.values[name] for stride in rows], float) for name in FIELDS}
-    spread = {name: np.array([stride.spread[name] for stride in rows], float) for name in FIELDS}
-    flags = {name: np.array([stride.flags[name] for stride in rows], bool) for name in FLAGS}
-    known = {flag for source_marks in marks.values() for flag, column in source_marks.items() if column is not None}
-    flags = {name: flag for name, flag in flags.items() if name in known}
+    values, spread = (dict(zip(FIELDS, np.array([getattr(stride, part) for stride in rows]).T, strict=True))
+                      for part in ("values", "spread"))  # fmt: skip
+    stated = dict.fromkeys(name for each in columns for name in each.flags)
+    flags = {name: np.array([name in stride.flags for stride in rows], bool) for name in stated}
     if width is not None:
         flags["width_valid"] = _widths(values, spread, side, width)
     flags[DOUBTFUL.name] = np.array([stride.doubtful for stride in rows], bool)
@@ -180,131 +244,10 @@ def _table(
     flags[UNEVEN_DURATION.name] |= ~flags[HALF.name] & (durations(strides) < BRIEF * usual)
     return JoinedStrides(
         strides, deviations,
-        {name: np.array([stride.group.get(name, -1) for stride in rows], int).reshape(n) for name in by_name},
+        {name: np.array([stride.group.get(name, -1) for stride in rows], int) for name in by_name},
         {name: np.array([name in stride.used for stride in rows], bool) for name in by_name},
         tuple(stride.first for stride in rows), flags, np.array([stride.contradicts for stride in rows], bool),
     )  # fmt: skip
-
-
-def _doubted(source: SourceEstimate, wrong: frozenset[str]) -> np.ndarray:
-    """(n,) bool, strides that contradict the source's model, that nobody walks, or that a wrong sensor measured."""
-    strides = source.estimate.strides
-    lasts = as_float(strides.end) - as_float(strides.start)
-    brief = lasts < BRIEF * np.median(lasts) if len(lasts) else np.zeros(0, bool)
-    untrusted = np.array([not _trusted(source, side, wrong) for side in SIDES])[np.asarray(strides.side)]
-    doubted = impossible(strides) | (brief & ~HALF.read(source.estimate)) | untrusted
-    flagged = DOUBTFUL.read(source.estimate)
-    return np.asarray(doubted if flagged is None else doubted | flagged)
-
-
-class _Told(NamedTuple):
-    """One stride, with the values of its sources."""
-
-    first: str
-    side: int
-    group: dict[str, int]
-    values: dict[str, float]
-    spread: dict[str, float]
-    flags: dict[str, bool]
-    used: frozenset[str]
-    contradicts: bool
-    doubtful: bool
-
-
-def _walks(sources: Sequence[SourceEstimate]) -> list[tuple[int, float, float]]:
-    """Side, and begin and end of walking [s] by the sensor of a leg that neither lost samples nor cuts strides off."""
-    walks = []
-    for source in sources:
-        strides = source.estimate.strides
-        unsure = [name for name, facts in source.quality.items() if facts.incomplete]
-        for side in range(len(SIDES)) if source.name in LEG_WORN else ():
-            mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
-            if mine.any() and not any(name.endswith(SIDES[side]) for name in unsure):
-                begin, end = as_float(strides.start)[mine].min(), as_float(strides.end)[mine].max()
-                walks.append((side, float(begin), float(end)))
-    return walks
-
-
-def _alone(joined: list[_Told], walks: list[tuple[int, float, float]]) -> list[_Told]:
-    """The strides, with doubt where the length comes only from sources that often contradict others, or from the trunk
-    before or after the walking that the leg's own sensors measure.
-    """
-    shared = [stride for stride in joined if len(stride.group) > 1]
-    left = {
-        name: [name not in stride.used for stride in shared if name in stride.group]
-        for stride in joined
-        for name in stride.group
-    }
-    wrong = {name for name, out in left.items() if out and np.mean(out) > OFTEN}
-
-    def doubted(stride: _Told) -> bool:
-        beyond = any(
-            side == stride.side and not begin <= 0.5 * (stride.values["start"] + stride.values["end"]) <= end
-            for side, begin, end in walks
-        )
-        return wrong.issuperset(stride.used) or (beyond and set(stride.group) == {"waist"})
-
-    return [stride._replace(doubtful=stride.doubtful or doubted(stride)) for stride in joined]
-
-
-def _told(
-    by_name: Mapping[str, SourceEstimate], group: dict[str, int], trusted: Mapping[tuple[str, str], bool],
-    doubts: Mapping[str, np.ndarray], marks: Mapping[str, Mapping[str, Flags]], usual: float,
-) -> _Told:  # fmt: skip
-    """A stride from its row in each source; rows in doubt count only where no other source has the stride.
-
-    If the clock of a source is in doubt, all but its times count. Where contacts of two sources on the legs differ,
-    times are those of the source whose duration is nearer to the `usual` one [s].
-    """
-    every = [name for name in by_name if name in group]
-    side = int(by_name[every[0]].estimate.strides.side[group[every[0]]])
-    timed = [name for name in every if trusted[name, SIDES[side]]] or every
-    timed = [name for name in timed if not doubts[name][group[name]]] or timed
-    names = [name for name in every if not doubts[name][group[name]]] or timed
-    worn = [name for name in timed if name in LEG_WORN]
-    at = {name: np.array([_of(by_name[name], end, group[name])[0] for end in ("start", "end")]) for name in worn}
-    wrong: set[str] = set()
-    if not any(_marked(marks[name], flag, group[name]) for name in worn for flag in (HALF.name, TURNING.name)):
-        even = min(worn, key=lambda name: abs(float(np.ptp(at[name])) - usual), default="")
-        if any(np.abs(at[name] - at[worn[0]]).max() > SAME_CONTACT for name in worn):
-            wrong = {name for name in worn if np.abs(at[name] - at[even]).max() > SAME_CONTACT}
-            timed = [even, *(name for name in timed if name not in wrong and name != even)]
-    first = timed[0]
-    values, spread, given = {}, {}, {}
-    for field in FIELDS:
-        of_field = timed if field in TIMES else [name for name in names if name not in wrong or field not in PITCHES]
-        known = {name: _of(by_name[name], field, group[name]) for name in of_field}
-        given[field] = next((name for name, (value, _) in known.items() if np.isfinite(value)), first)
-        values[field], spread[field] = known.get(given[field], (np.nan, np.nan))
-    (length, length_sd), (speed, speed_sd) = (_of(by_name[first], name, group[first]) for name in ("length", "speed"))
-    used, contradicts = frozenset([names[0]]), False
-    for field in COMBINED:
-        known = {name: _of(by_name[name], field, group[name]) for name in names}
-        known = {name: (value, sd) for name, (value, sd) in known.items() if np.isfinite(value) and sd > 0.0}
-        if known:
-            numbers = np.array(list(known.values()))
-            values[field], spread[field], kept = combined(numbers[:, 0], numbers[:, 1], correlation(known))
-            if field == "length":
-                used = frozenset(name for name, keeps in zip(known, kept, strict=True) if keeps)
-                contradicts = not kept.all()
-    stepped = given["step_length"]
-    stepped_length, _ = _of(by_name[stepped], "length", group[stepped])
-    share = values["length"] / stepped_length if stepped_length > 0.0 else np.nan
-    if contradicts and stepped not in used:  # half of a length that is not used
-        share = np.nan
-    for both in (values, spread):  # a part of the combined stride
-        both["step_length"] *= share
-    if length > 0.0:
-        values["speed"] = speed * values["length"] / length
-    if length_sd > 0.0:
-        spread["speed"] = speed_sd * spread["length"] / length_sd
-    flags = {flag: any(_marked(marks[name], flag, group[name]) for name in names) for flag in FLAGS}
-    return _Told(first, side, group, values, spread, flags, used, contradicts, bool(doubts[names[0]][group[names[0]]]))
-
-
-def _marked(marks: Mapping[str, Flags], flag: str, row: int) -> bool:
-    """Whether a source states a flag of one of its strides."""
-    return marks[flag] is not None and bool(marks[flag][row])
 
 
 def correlation(names: Iterable[str]) -> np.ndarray:
@@ -357,24 +300,15 @@ def _widths(
     values: dict[str, np.ndarray], spread: dict[str, np.ndarray], side: np.ndarray, width: SourceEstimate
 ) -> np.ndarray:
     """Widths and step lengths of the strides, from those that end at the same time; (n,) bool, reliable widths."""
-    theirs = width.estimate.strides
-    valid = np.zeros(len(side), bool)
-    trusted = width.estimate.diagnostics.get("width_valid")
-    for i in range(len(side)):
-        near = np.abs(as_float(theirs.end) - values["end"][i]) < SAME_CONTACT
-        same = np.flatnonzero(near & (np.asarray(theirs.side) == side[i]))
-        if same.size:
-            for field in ("width", "step_length"):
-                values[field][i], spread[field][i] = _of(width, field, int(same[0]))
-            valid[i] = trusted is None or bool(trusted[same[0]])
-    return valid
-
-
-def _of(source: SourceEstimate, field: str, row: int) -> tuple[float, float]:
-    """One number of a stride of a source, and its standard deviation; NaN if the source does not give it."""
-    tables = source.estimate.strides, source.estimate.strides_stddev
-    value, sd = (np.nan if (column := getattr(table, field, None)) is None else float(column[row]) for table in tables)
-    return value, sd
+    table, deviations = width.estimate.strides, width.estimate.strides_stddev
+    trusted = width.estimate.diagnostics.get("width_valid", np.ones(np.shape(table.side), bool))
+    same = np.abs(as_float(table.end) - values["end"][:, None]) < SAME_CONTACT
+    same &= np.asarray(table.side) == side[:, None]
+    there, row = same.any(axis=1), same.argmax(axis=1)
+    for field in ("width", "step_length"):
+        for columns, of_width in ((values, table), (spread, deviations)):
+            columns[field][there] = as_float(getattr(of_width, field))[row[there]]
+    return there & np.asarray(trusted, bool)[row]
 
 
 def _strides(side: np.ndarray, columns: dict[str, np.ndarray]) -> Strides:

@@ -10,8 +10,8 @@ import numpy as np
 
 from jgait.estimators.ends import LEAST_CUT_STRIDES, MOST, cut_notes
 from jgait.estimators.losses import lost_between
-from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.waist.notes import BOUTS_WITHOUT_STANDING, NO_CONTACTS
+from jgait.estimators.notes import LONGEST_LOSS, NO_STEPS
+from jgait.estimators.waist.notes import BOUTS_WITHOUT_STANDING
 from jgait.events import trunk as trunk_events
 from jgait.notes import Note
 from jgait.quality import SensorQuality
@@ -149,7 +149,7 @@ def notes_of(
     `force` (T,) the size of the specific force.
     """
     if not contacts:
-        return SensorQuality(unusable=True), [NO_CONTACTS()]
+        return SensorQuality(unusable=True), [NO_STEPS(placement=placement)]
     fresh = np.flatnonzero(nodes["fresh"])
     moving = fresh[~nodes["stands"][fresh].astype(bool)]
     notes: list[Note] = []

@@ -10,6 +10,7 @@ from jgait import quality
 from jgait.estimators.checks import check_options
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import compiled
+from jgait.estimators.stride_flags import LARGEST_TURN
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
@@ -18,12 +19,8 @@ from jgait.estimators.waist.bouts import LEAST_S, missed
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import (
-    CLIMBS,
     DISTANCE_DOUBTFUL,
-    FALLS_FREELY,
-    SHORT_OR_SLOW,
-    SLOWER_PART,
-    STEPS_MISSED,
+    NOT_LEARNED,
     WALKING_MISSED,
 )
 from jgait.estimators.waist.params import (
@@ -45,9 +42,6 @@ from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import among, of_sensors
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
-TURNING = 0.35
-"""[rad] Threshold on the turn of the walk over a stride (20°); a stride above it is flagged as part of a turn."""
-
 FLAGS = ("turning", "half", "unsure", "side_unknown")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
@@ -67,7 +61,6 @@ _FUSION = ("speed_noise", "acc_bias_walk", "standing_speed")
 _ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update.threshold")
 UNUSED = {
     "fused": ("update",),
-    "pendulum": (*_SPEED, *_FUSION, "update"),
     "update": _ALONE,
 }
 """Distance method → parameters without effect on the distance and its standard deviation: their gradient is zero."""
@@ -91,8 +84,6 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     intervals = waist_steps.intervals(p, inputs, motion)
     if options.distance == "fused":
         walked = waist_distance.fused(p, inputs, intervals, options)
-    elif options.distance == "pendulum":
-        walked = waist_distance.by_pendulum(p, inputs, intervals)
     else:
         speed, held = compiled(waist_distance.integrated_speed)(p, inputs, motion, intervals)
         start_sd = p.start_speed_sd * xp.where(inputs.stood, 0.0, 1.0)
@@ -150,7 +141,7 @@ def _strides(
         step_length=earlier(walked.step_sd, 1),
     )  # fmt: skip
     flags = {
-        "turning": valid & (xp.abs(turn) > TURNING),
+        "turning": valid & (xp.abs(turn) > LARGEST_TURN),
         "half": valid & closing(inputs),
         "unsure": valid & walked.unsure,
         "side_unknown": valid & (inputs.likely < SIDE_KNOWN),
@@ -252,13 +243,12 @@ def _doubts(
         return SensorQuality(), [], {}
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
     if useless := not spread <= DOUBTFUL * abs(way) or way <= 0.0:
-        of = "" if options.distance == "fused" else f' (distance="{options.distance}")'
-        notes.append(DISTANCE_DOUBTFUL(option=of, distance_m=way, within_m=2.0 * spread))
+        notes.append(DISTANCE_DOUBTFUL(distance_m=way, within_m=2.0 * spread))
     force, slowly, outside = _felt(result, contacts), False, np.zeros(len(kept), bool)
     runs = kept & (force < FREE)
-    if options.distance in ("fused", "pendulum"):
+    if options.distance == "fused":
         length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
-        turning = kept & (np.abs(turn) > TURNING)
+        turning = kept & (np.abs(turn) > LARGEST_TURN)
         noted = slow = kept & (speed < SLOW) & ~turning & ~integrated
         whole = kept & ~np.asarray(result.diagnostics["half"], bool)
         whole = whole if whole.any() else kept
@@ -268,23 +258,35 @@ def _doubts(
         usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
         slower = kept & (lasts > LONGER * usual) & ~turning & ~slow & ~integrated
         if slowly := slow is kept or slow.sum() > FEW:
-            middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
-            notes.append(
-                SHORT_OR_SLOW(strides=noted.sum(), of=kept.sum(), **middle, least_m=SHORTEST_LEARNED_M, slowest=SLOWEST)
+            text = (
+                "{strides} of {of} strides, of {length_m:.2f} m at {speed:.2f} m/s in the median, are shorter or "
+                f"slower than those from which step lengths were learned, {SHORTEST_LEARNED_M:.2f} m and more at "
+                f"{SLOWEST:.2f} m/s and more"
             )
+            middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
+            notes.append(NOT_LEARNED.note(text, strides=noted.sum(), of=kept.sum(), **middle))
         if slower.sum() > FEW:
+            text = (
+                "{strides} of {of} strides last {seconds:.2f} s in the median, where strides of this walk usually last "
+                "{usual:.2f} s"
+            )
             seconds = float(np.median(lasts[slower]))
-            notes.append(SLOWER_PART(strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
+            notes.append(NOT_LEARNED.note(text, strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
         beside = np.convolve(slow | slower, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         outside = (kept & beside) | turning
     rise = _rise(result, made.inputs.still)
     climbs = kept & (np.abs(rise) > RISES)
     climbs &= climbs.sum() > FEW
     if climbs.any():
-        notes.append(CLIMBS(strides=climbs.sum(), of=kept.sum(), rise_m=np.median(np.abs(rise[climbs]))))
+        text = "{strides} of {of} strides rise or fall by {rise_m:.2f} m in the median, as on stairs"
+        notes.append(NOT_LEARNED.note(text, strides=climbs.sum(), of=kept.sum(), rise_m=np.median(abs(rise[climbs]))))
     if runs.sum() > FEW:
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
-        notes.append(FALLS_FREELY(strides=runs.sum(), of=kept.sum(), share_pct=share))
+        text = (
+            "in {strides} of {of} strides {share_pct:.0f} % of gravity or less is felt once in each step: running, or "
+            "faster than the walks from which step lengths were learned"
+        )
+        notes.append(NOT_LEARNED.note(text, strides=runs.sum(), of=kept.sum(), share_pct=share))
         outside |= runs
     facts = SensorQuality(unusable=useless, unlike=bool(slowly or climbs.any() or runs.sum() > FEW))
     return facts, notes, {**among(strides), "outside": np.where(climbs, CLIMBS_SD, OUTSIDE_SD * outside)}
@@ -313,7 +315,7 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
         "sensors": merged(result.diagnostics["sensors"], {name: facts}),
     }  # fmt: skip
     result = result._replace(diagnostics=diagnostics)
-    if made.options.distance not in ("fused", "pendulum"):
+    if made.options.distance != "fused":
         return result
     every = np.ones(np.shape(result.strides.side), bool)
     evidence |= of_sensors(result, {0: name, 1: name})
@@ -339,7 +341,12 @@ def _steps_missed(result: Estimate, contacts: np.ndarray) -> tuple[Note, ...]:
     force = np.add(as_float(result.diagnostics["trunk_acceleration"]), [0.0, 0.0, GRAVITY])
     contact_rate = 1.0 / float(np.median(np.diff(contacts)))
     steps = step_frequency(force, 1.0 / float(np.median(np.diff(as_float(result.time)))))
-    return (STEPS_MISSED(found=contact_rate, steps=steps),) if contact_rate < EVERY_SECOND * steps else ()
+    text = (
+        "{found:.1f} contacts a second were found, but the trunk moves as in {steps:.1f} steps a second: contacts are "
+        "missed, as in limping"
+    )
+    missed_steps = contact_rate < EVERY_SECOND * steps
+    return (WALKING_MISSED.note(text, found=contact_rate, steps=steps),) if missed_steps else ()
 
 
 def _with_missed(result: Estimate, inputs: WaistInputs, name: str) -> Estimate:
@@ -352,7 +359,11 @@ def _with_missed(result: Estimate, inputs: WaistInputs, name: str) -> Estimate:
     if seconds[-1] < LEAST_S:
         return result
     begin, end = time[np.flatnonzero(flags)[[0, -1]]]
-    diagnostics["notes"] += (WALKING_MISSED(seconds=seconds[-1], begin_s=begin, end_s=end),)
+    text = (
+        "for {seconds:.1f} s between {begin_s:.1f} and {end_s:.1f} s the trunk moves as in walking, but no contact was "
+        "found"
+    )
+    diagnostics["notes"] += (WALKING_MISSED.note(text, seconds=seconds[-1], begin_s=begin, end_s=end),)
     diagnostics["sensors"] = merged(diagnostics["sensors"], {name: SensorQuality(missed=float(seconds[-1]))})
     speed = WaistParams().start_speed
     diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), speed * seconds)

@@ -77,9 +77,6 @@ def direct_reverse_cycles(
 
     Returns:
         (T,) velocity [m/s] after the begin of each cycle, up to and including its end; 0 elsewhere.
-
-    Raises:
-        ValueError: if the signal is empty or not floating point, or dt or cycles do not fit.
     """
     values, steps = signal_and_steps(acc, dt)
     at = placed(cycles, values.shape[0])
@@ -93,15 +90,8 @@ def direct_reverse_cycles(
 
 
 def placed(cycles: Cycles, samples: int) -> Placed:
-    """The cycle of each of T samples.
-
-    Raises:
-        ValueError: if begins and ends are not as many, or there is no room for any.
-    """
-    shape = jnp.shape(cycles.begin)
-    if len(shape) != 1 or shape[0] < 1 or jnp.shape(cycles.end) != shape:
-        raise ValueError(f"begin and end of cycles must be (K,) with K >= 1; got {shape} and {jnp.shape(cycles.end)}")
-    valid = jnp.arange(shape[0], dtype=jnp.int32) < jnp.asarray(cycles.count).astype(jnp.int32)
+    """The cycle of each of T samples."""
+    valid = jnp.arange(len(cycles.begin), dtype=jnp.int32) < jnp.asarray(cycles.count).astype(jnp.int32)
     flags = marks(cycles.begin, cycles.end, samples, valid)
     begun, ended = (jnp.cumsum(flag, dtype=jnp.int32) - flag.astype(jnp.int32) for flag in flags)
     inside = begun > ended
@@ -131,6 +121,11 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
     return lax.scan(integrate, (nothing, nothing, nothing, acc[0]), samples)[1]
 
 
+def integral(acc: Array, steps: Array) -> Array:
+    """(T,) the integral of a signal since its first sample, by trapezoids."""
+    return jnp.cumsum(0.5 * steps * (acc + jnp.concatenate([acc[:1], acc[:-1]])))
+
+
 def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:
     """Values (K,) of the cycles at their samples (T,), 0 outside cycles; a single value is returned as it is."""
     given = jnp.asarray(values, dtype)
@@ -138,17 +133,8 @@ def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:
 
 
 def signal_and_steps(acc: ArrayLike, dt: ArrayLike, mask: ArrayLike | None = None) -> tuple[Array, Array]:
-    """The samples, and the time from the sample before each; both are 0 in padding."""
+    """The samples (T,), and the time from the sample before each; both are 0 in padding."""
     values = jnp.asarray(acc)
-    if values.ndim != 1 or values.shape[0] < 1 or not jnp.issubdtype(values.dtype, jnp.floating):
-        raise ValueError(f"a signal must be (T,) floating point with T >= 1; got {values.shape} {values.dtype}")
-    there = jnp.arange(values.shape[0]) > 0
-    steps = jnp.asarray(dt, values.dtype)
-    if steps.shape not in ((), values.shape):
-        raise ValueError(f"dt must be one number or {values.shape} as the signal; got shape {steps.shape}")
-    if mask is not None:
-        real = jnp.asarray(mask, bool)
-        if real.shape != values.shape:
-            raise ValueError(f"the mask must be {values.shape} as the signal; got shape {real.shape}")
-        values, there = jnp.where(real, values, 0.0), there & real
-    return values, jnp.where(there, steps, 0.0)
+    there = jnp.ones(values.shape, bool) if mask is None else jnp.asarray(mask, bool)
+    steps = jnp.where(there & (jnp.arange(values.shape[0]) > 0), jnp.asarray(dt, values.dtype), 0.0)
+    return jnp.where(there, values, 0.0), steps

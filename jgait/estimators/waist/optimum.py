@@ -33,9 +33,6 @@ def optimum_cutoffs(
 
     `change` is v_f − v_i, one or (K,) [m/s]; the search ends at `highest_hz`, other arguments as of
     `direct_reverse_cycles`.
-
-    Raises:
-        ValueError: as `direct_reverse_cycles`.
     """
     values, steps = signal_and_steps(acc, dt)
     at = placed(cycles, values.shape[0])

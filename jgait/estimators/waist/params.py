@@ -15,7 +15,7 @@ from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Measures, Values
 
-DISTANCES = ("fused", "pendulum", "update")
+DISTANCES = ("fused", "update")
 DETECTORS: dict[str, Soft | Peaks | PaperRule] = {"soft": Soft(), "paper": PaperRule()}
 """Detector of initial contacts → its settings, see `events.trunk`."""
 SITES = ("waist", "lower_back", "pelvis")
@@ -123,8 +123,8 @@ class WaistOptions(NamedTuple):
     """The parts of the method that are used.
 
     Attributes:
-        distance: "fused": the state-space model over speed, bias and pendulum; "pendulum": the pendulum's steps alone;
-            "update": the paper's method (direct and reverse integration with the velocity update).
+        distance: "fused": the state-space model over speed, bias and pendulum; "update": the paper's method (direct and
+            reverse integration with the velocity update).
         detector: of initial contacts, see `events.trunk`: "soft" or "paper".
         smooth: Rauch–Tung–Striebel smoothing (offline).
         method: how the filter linearises, see `jgait.filtering`.

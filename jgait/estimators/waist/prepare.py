@@ -8,7 +8,8 @@ import numpy as np
 
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Prepared, pad
-from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.losses import longest_loss
+from jgait.estimators.notes import LONGEST_LOSS, NO_STEPS, STRIDES_MISSING, STRIDES_UNCERTAIN
 from jgait.estimators.programs import bucket
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
@@ -17,11 +18,7 @@ from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import (
     AXES_CORRECTED,
     GYROSCOPE_CONTRADICTS,
-    GYROSCOPE_REVERSED,
     LIES_TURNED,
-    NO_TRUNK_STEPS,
-    SAMPLES_LOST,
-    STRIDES_IN_LOSS,
 )
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, KNOWN, SITES, WaistOptions, WaistParams
 from jgait.events import shank as shank_events
@@ -53,6 +50,16 @@ sign the leans from accelerometer and gyroscope have opposite signs. It is below
 CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
 gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°."""
+
+CONTRADICTED = (
+    "{placement}: by its gyroscope it leans by up to {degrees:.0f}° away from what its accelerometer shows: the order "
+    "or the signs of axes of one of them are wrong, or a bias is large; the accelerometer is used alone"
+)
+REVERSED = (
+    "its gyroscope turns the other way than gravity: the axes are left-handed, or its sign is wrong; turned round, but "
+    "left and right may be exchanged"
+)
+"""Sentences on the gyroscope."""
 
 TURNED_OVER = np.deg2rad(60.0)
 """[rad] Least angle of the mean force from the vertical of walking of a sensor turned over; sitting has less."""
@@ -103,7 +110,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     whole = shank_axes.filled(imu)
     notes: list[Note] = []
     if not mask.all():
-        notes.append(SAMPLES_LOST(samples=(~mask).sum(), placement=name))
+        gone = {"samples": (~mask).sum(), "longest_s": longest_loss(~mask, time)}
+        notes.append(STRIDES_UNCERTAIN(placement=name, **gone))
     for a, b in true_runs(~np.asarray(imu.mask, bool)):
         # a short loss was interpolated: zeros would be jolts, and take away the turn and the rise of its samples
         mask[a:b] |= b - a <= BRIDGED_S * rate
@@ -112,7 +120,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         up = as_float(whole.acc).mean(axis=0)
         axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
         nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
-        notes.append(NO_TRUNK_STEPS(placement=name))
+        notes.append(NO_STEPS(placement=name))
         return Prepared(nobody, options, tuple(notes), None, quality={name: SensorQuality(unusable=True)})
     worn, whole = whole, trunk_axes.centred(whole, axes.rows, rate)
     axes = trunk_axes.functional_axes(whole, rate) or axes
@@ -148,7 +156,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     quality, more = waist_bouts.notes_of(nodes, len(contacts.time), name, time, force)
     notes += more
     if left_out := waist_bouts.leave_out(nodes, ~mask, time):
-        notes.append(STRIDES_IN_LOSS(strides=left_out, placement=name, seconds=LONGEST_LOSS))
+        notes.append(STRIDES_MISSING(strides=left_out, placement=name, seconds=LONGEST_LOSS))
     standing = max(still, key=lambda run: run[1] - run[0], default=None)
     inputs = _assembled(whole, axes, time, mask, rate, rested, nodes)
     return Prepared(inputs, options, tuple(notes), standing, quality={name: quality})
@@ -212,11 +220,11 @@ def _motion(
     forces = np.stack([motion.forward, motion.left, motion.upward + GRAVITY], axis=1)[: len(time)]
     apart = trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)
     if by_gravity := apart > CONTRADICTS:
-        notes.append(GYROSCOPE_CONTRADICTS(placement=name, degrees=np.rad2deg(apart)))
+        notes.append(GYROSCOPE_CONTRADICTS.note(CONTRADICTED, placement=name, degrees=np.rad2deg(apart)))
         turned, rested = trunk_axes.by_gravity(imu, rate), rested._replace(gyr_bias=np.zeros(3))
         motion = moved(turned, rested)[0]
     elif mirrored:
-        notes.append(GYROSCOPE_REVERSED())
+        notes.append(GYROSCOPE_CONTRADICTS.note(REVERSED, placement=name))
     return turned, rested, motion, bool(by_gravity)
 
 

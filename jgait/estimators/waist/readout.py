@@ -1,7 +1,7 @@
 r"""Distance over each interval between nodes, by each distance method of the waist's estimator.
 
-"fused": `waist.model`; "pendulum": the pendulum's steps alone; "update": the paper's method, which restarts every bout
-with its initial speed, zero from standing.
+"fused": `waist.model`; "update": the paper's method, which restarts every bout with its initial speed, zero from
+standing.
 """
 
 from collections.abc import Callable
@@ -161,7 +161,7 @@ def closing(inputs: WaistInputs) -> Flags:
     return xp.concatenate([inputs.stands[1:], xp.zeros_like(inputs.stands[:1])]) & inputs.steps
 
 
-def _step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
+def step_variance(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> Values:
     """(K,) variance of the pendulum's steps [m²]; larger in turns, at both ends of a bout, and over lost samples."""
     edge = _beside(inputs.stands | _stopping(inputs))
     lost = xp.cumsum(xp.where(inputs.measured, 0.0, inputs.dt))[inputs.at]
@@ -191,7 +191,7 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
         walks=(inputs.moves & there).astype(dtype),
         turn=intervals.turn,
         pendulum=intervals.pendulum,
-        pendulum_variance=_step_variance(p, inputs, intervals),
+        pendulum_variance=step_variance(p, inputs, intervals),
     )
     integrated = _beside(inputs.stands)
     stepped = inputs.steps & (intervals.pendulum > 0.0) & ~integrated & there
@@ -223,28 +223,6 @@ def _states(
         waist_model.MODEL, known, observed, smooth=options.smooth, controls=controls, dt=dt, mask=mask,
         initial=waist_model.initial(known), method=options.method,
     )  # fmt: skip
-
-
-def by_pendulum(p: WaistParams, inputs: WaistInputs, intervals: Intervals) -> WaistWalk:
-    """Distance by the pendulum's steps alone; an interval from standing is half of the step after it."""
-    constant, constant_spread = personal_constant(p, inputs, intervals)
-    lengths = xp.where(inputs.steps, constant * intervals.pendulum, 0.0)
-    beside = xp.maximum(xp.concatenate([lengths[1:], lengths[:1]]), xp.concatenate([lengths[:1], lengths[:-1]]))
-    begins = inputs.moves & ~inputs.steps & ~inputs.stands
-    step = xp.where(begins, 0.5 * beside, lengths)
-    variance = xp.where(inputs.moves, _step_variance(p, inputs, intervals), 0.0)
-    distance, share = xp.cumsum(step), root(constant_spread)
-    stride, white = step + earlier(step, 1), variance + earlier(variance, 1)
-    return WaistWalk(
-        distance=distance,
-        distance_sd=root(xp.cumsum(variance) + (share * distance) ** 2),
-        step=step,
-        step_sd=root(variance + (share * step) ** 2),
-        stride=stride,
-        stride_sd=root(white + (share * stride) ** 2),
-        unsure=xp.zeros_like(inputs.steps),
-        diagnostics={"pendulum_constant": constant, "pendulum_constant_stddev": constant * share},
-    )
 
 
 def by_integration(

@@ -3,39 +3,33 @@
 import jax
 import numpy as np
 import pytest
-from made.estimators import changed, exchanged, in_a_row, masked, only
+from made.estimators import changed, exchanged, masked, only
 from made.notes import codes, of_code, texts
-from scipy.spatial.transform import Rotation
 
 import jgait
 from experiments.damage import harm
 from jgait import io, simulate
 from jgait.commands.jobs import of_analysis as results_of
 from jgait.estimators import stride_flags
-from jgait.estimators.combined.compare import comparisons, regular
+from jgait.estimators.combined.compare import regular
 from jgait.estimators.combined.distance import distances
 from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.combined.strides import combined
-from jgait.estimators.interface import Estimator
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.checks import contradictions
-from jgait.io.summary import SUMMARY
 from jgait.quality import SensorQuality
 from jgait.quality import notes as writer
 from jgait.report import of_analysis
-from jgait.simulate.gaits import walking
 from jgait.simulate.sensors import OPAL
-from jgait.types import Imu, RecordingError, as_float
+from jgait.types import RecordingError, as_float
 
 PLACEMENTS = (*simulate.SEVEN, "ankle_right", "ankle_left")
 FEET = ("foot_right", "foot_left")
 PERSON = {"height": 1.75, "pendulum_constant": 1.05}  # the constant of simulated people
 CONTRADICTIONS = {
-    "lengths_differ",
     "distances_differ",
     "feet_of_contacts_differ",
     "clock_off",
-    "trunk_clock_off",
     "places_exchanged",
     "places_unsure",
 }
@@ -59,8 +53,8 @@ def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, sec
     foot = walked[0].sensors["foot_right"]
     late = {name: np.roll(getattr(foot, name), round(100.0 * seconds), axis=0) for name in ("gyr", "acc", "mask")}
     now = jgait.analyse(changed(walked[0], foot_right=foot._replace(**late)), PERSON)
-    assert not of_code(analysis.notes, "contacts_apart")
-    found = of_code(now.notes, "contacts_apart")
+    assert not of_code(analysis.notes, "clock_off")
+    found = of_code(now.notes, "clock_off")
     assert found
     for note in found:
         assert note.values["words"] == "earlier"
@@ -70,18 +64,6 @@ def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, sec
     assert before.loc["step_duration", sided].notna().all() and after.loc["step_duration", sided].isna().all()
     assert after.loc["step_duration", "mean"] == pytest.approx(before.loc["step_duration", "mean"], abs=0.02)
     assert after.loc["stance", sided].notna().all()  # of one clock
-
-
-def test_steps_of_shoes_alone_that_are_uneven_are_a_limp_or_clocks(walked):
-    recording = only(walked[0], *FEET)
-    foot = recording.sensors["foot_right"]
-    late = {name: np.roll(getattr(foot, name), 7, axis=0) for name in ("gyr", "acc", "mask")}
-    even, uneven = (jgait.analyse(one) for one in (recording, changed(recording, foot_right=foot._replace(**late))))
-    assert not of_code(even.notes, "steps_uneven")
-    (note,) = of_code(uneven.notes, "steps_uneven")
-    assert note.severity == "check" and note.values["seconds"] == pytest.approx(0.07, abs=0.02)
-    summary = io.analysis_to_dataframes(uneven)["summary"].set_index("measure")
-    assert summary.loc["step_duration", "asymmetry_pct"] > 15.0  # as if the person limped
 
 
 def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
@@ -94,79 +76,8 @@ def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
     assert found.strides.used["feet"][right].sum() > 0.5 * right.sum()
     assert set(np.array(found.strides.first)[right]) == {"waist"}  # whose times do not depend on these clocks
     assert errors(found.estimate.strides, truth).mean() < 0.02
-    (named,) = of_code(found.notes, "strides_of_waist")
+    (named,) = of_code(found.notes, "measured_by_waist")
     assert named.values["side"] == "right" and "foot_right" in str(named) and "feet" in named.values["sources"]
-
-
-def test_strides_of_the_waist_that_contradict_the_walk_around_them_are_in_doubt(walked):
-    recording, _ = walked
-    worn = only(recording, "pelvis", *FEET)
-    assert not of_code(jgait.analyse(worn, PERSON).notes, "replaced_strides_unlike")
-    time = np.asarray(recording.sensors["pelvis"].time)
-    lost = (time > 7.5) & (time < 10.5) & (np.random.default_rng(0).random(len(time)) < 0.5)
-
-    def numbered_on(imu):
-        kept = jax.tree.map(lambda values: np.asarray(values)[~lost], imu)
-        return kept._replace(time=time[: len(kept.time)])
-
-    found = jgait.analyse(worn._replace(sensors={k: numbered_on(imu) for k, imu in worn.sensors.items()}), PERSON)
-    assert of_code(found.notes, "replaced_strides_unlike")
-    strides, steady = found.estimate.strides, regular(found.strides)
-    lasts = (np.asarray(strides.end) - np.asarray(strides.start))[steady]
-    assert steady.sum() >= 8 and lasts.min() > 0.9 * np.median(lasts)
-
-
-@pytest.mark.parametrize("swapped", [True, False])
-def test_shoes_that_change_places_are_put_right_where_the_waist_says_so_too(swapped, monkeypatch):
-    person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
-    recording, truth = simulate.with_breaks(
-        jax.random.key(4), person, [simulate.straight(12.0)] * 2, [5.0], OPAL, placements=("pelvis", *FEET)
-    )
-    sensors, lean = recording.sensors, Rotation.from_euler("x", 40.0, degrees=True)
-    contacts = np.sort(np.asarray(truth.strides.end)[np.asarray(truth.strides.valid)])
-    later = (np.asarray(sensors["foot_left"].time) > contacts[np.argmax(np.diff(contacts))] + 2.5)[:, None]
-    # the left sensor leans; then both change places, or each is put on anew so that it leans as the other one did
-    worn = {}
-    for own, mate, leans in ((*FEET, False), (*FEET[::-1], True)):
-        after = sensors[mate if swapped else own]
-        worn[own] = sensors[own]._replace(**{
-            name: np.where(
-                later,
-                getattr(after, name) if leans else lean.apply(getattr(after, name)),
-                lean.apply(getattr(sensors[own], name)) if leans else getattr(sensors[own], name),
-            )
-            for name in ("gyr", "acc")
-        })  # fmt: skip
-    run, runs = Estimator.estimate, []
-    monkeypatch.setattr(Estimator, "estimate", lambda self, *given: (runs.append(self.name), run(self, *given))[1])
-    found = jgait.analyse(changed(recording, **worn), PERSON)
-    assert sorted(runs) == ["foot_ins", "waist"]  # each source once
-    assert len(of_code(found.notes, "shoes_put_right")) == swapped
-    assert len(of_code(found.notes, "shoes_exchanged")) == (not swapped)
-    if swapped:
-        assert not of_code(found.notes, "leans_otherwise")
-        for side in (0, 1):
-            ours, theirs = (
-                np.asarray(table.end)[np.asarray(table.side) == side]
-                for table in (found.estimate.strides, truth.strides)
-            )
-            steady = ours[regular(found.strides)[np.asarray(found.estimate.strides.side) == side]]
-            assert len(steady) > 8 and np.abs(steady[:, None] - theirs).min(axis=1).max() < 0.1
-
-
-def test_times_of_a_stride_are_those_that_make_strides_even_where_contacts_contradict():
-    person = walking(simulate.Person(gait=simulate.gait(speed=1.2, stature=1.75)), "hemiparetic")
-    worn = ("pelvis", *FEET, "shank_right", "shank_left")
-    recording, truth = simulate.with_breaks(
-        jax.random.key(0), person, [simulate.straight(12.0)], [], OPAL, placements=worn
-    )
-    found = jgait.analyse(recording, PERSON)
-    strides, steady = found.estimate.strides, regular(found.strides)
-    for side in (0, 1):
-        contacts = np.asarray(truth.strides.end)[np.asarray(truth.strides.side) == side]
-        ours = np.asarray(strides.end)[steady & (np.asarray(strides.side) == side)]
-        assert np.abs(ours[:, None] - contacts).min(axis=1).max() < 0.1
-    assert not of_code(jgait.analyse(only(recording, "pelvis", *FEET), PERSON).notes, "contacts_contradict")
 
 
 def test_the_same_strides_are_regular_in_every_table_and_others_have_a_reason(data):
@@ -175,25 +86,6 @@ def test_the_same_strides_are_regular_in_every_table_and_others_have_a_reason(da
         table = io.analysis_to_dataframes(found)["strides"]
         np.testing.assert_array_equal(table["regular"], stride_flags.regular(found.estimate, STRIDE_FLAGS))
         assert (table["regular"] | (table["special"] != "")).all()
-        assert (codes(found.notes).count("contacts_contradict") > 0) == walk.recording.name.endswith("20180605_4")
-
-
-def test_rows_written_twice_without_time_stamps_make_everything_uncertain(walked, analysis):
-    draw, true = np.random.default_rng(3), float(walked[1].estimate.distance[-1])
-    samples = len(walked[0].sensors["pelvis"].time)
-    times = 1 + (draw.random(samples) < 0.02)
-    rows = np.repeat(np.arange(len(times)), times)
-    arrays = {
-        name: {"gyr": np.rad2deg(np.asarray(imu.gyr))[rows], "acc": np.asarray(imu.acc)[rows]}
-        for name, imu in walked[0].sensors.items()
-    }
-    gait = jgait.analyse(io.recording_from_arrays(arrays, sampling_rate_hz=100.0), PERSON)
-    assert "rows_twice" in codes(gait.notes)
-    stddev, usual = (float(one.estimate.diagnostics["distance_stddev"][-1]) for one in (gait, analysis))
-    assert stddev > 2.0 * usual
-    assert stddev > 0.099 * float(gait.estimate.distance[-1])
-    assert abs(float(gait.estimate.distance[-1]) - true) < 2.0 * stddev
-    assert not gait.estimate.diagnostics["angles_valid_right"]
 
 
 def test_no_number_depends_on_a_note(walked, analysis):
@@ -303,7 +195,7 @@ def test_in_running_feet_alone_count():
     person = simulate.covering(key, simulate.walking(simulate.Person(), "running"), way)
     recording, truth = simulate.recording(key, person, way, placements=PLACEMENTS)
     found = jgait.analyse(recording)
-    assert {"strides_quick", "trunk_falls_freely"} <= set(codes(found.notes))
+    assert {"strides_quick", "strides_not_learned"} <= set(codes(found.notes))
     assert not of_code(found.notes, "places_exchanged", "clock_off")
     true = float(truth.estimate.distance[-1])
     off = {s.name: abs(float(s.estimate.distance[-1]) / true - 1.0) for s in found.sources}
@@ -325,10 +217,6 @@ def test_running_between_walks_is_named_and_turns_nothing_round():
     recording = in_a_row(*[part for part, _ in parts])
     found = jgait.analyse(recording)
     assert not of_code((*found.notes, *contradictions(recording).notes), "pace_unusual", "clocks_apart")
-    assert not of_code(found.notes, "feet_of_contacts_differ")
-    (mixed,) = of_code(found.notes, "paces_mixed")
-    ran = int(np.sum(parts[1][1].strides.valid))
-    assert 0.7 * ran < mixed.values["quick"] <= ran and mixed.values["others"] > 1.0
     alone = jgait.analyse(only(recording, "pelvis")).estimate
     (falls,) = of_code(alone.diagnostics["notes"], "trunk_falls_freely")
     assert falls.values["strides"] < 0.8 * falls.values["of"]
@@ -336,67 +224,33 @@ def test_running_between_walks_is_named_and_turns_nothing_round():
     assert abs(float(alone.distance[-1]) - true) < 2.0 * float(alone.diagnostics["distance_stddev"][-1])
 
 
-def test_what_a_trunk_alone_finds_after_the_walk_is_in_doubt():
-    """A fast person who stops sways as in a step."""
-    key = jax.random.key(5)
-    gait = simulate.gait(speed=1.25, stature=1.75)._replace(steps=20.0, length_variability=0.02, time_variability=0.02)
-    person = simulate.walking(simulate.Person(gait=gait), "fast")
-    recording, truth = simulate.recording(key, person, simulate.straight(30.0), placements=PLACEMENTS)
-    found = jgait.analyse(recording, {"height": 1.75})
-    table = io.analysis_to_dataframes(found)["strides"]
-    alone = table[table["combined"] == "waist"]
-    last = np.asarray(truth.strides.end)[np.asarray(truth.strides.valid)].max()
-    assert len(alone) and alone["end_s"].min() > last - 0.3
-    assert not alone["regular"].any() and table["regular"].sum() >= 14
-
-
 def test_the_tables_hold_strides_contacts_bouts_sources_and_angles(analysis):
     tables = io.analysis_to_dataframes(analysis)
     assert list(tables) == ["strides", "summary", "bouts", "contacts", "sources", "samples"]
-    strides = tables["strides"]
-    for name in ("stance_duration_s", "knee_flexion_max_deg", "stride_length_std_m", "source", "combined", "special"):
-        assert name in strides
-    assert strides["knee_flexion_max_deg"].between(40, 90).all()
-    one, samples = strides.iloc[5], tables["samples"]
+    strides, samples = tables["strides"], tables["samples"]
+    assert strides["knee_flexion_max_deg"].between(40, 90).all() and strides["angles_valid"].all()
+    one, whole = strides.iloc[5], strides.query("regular")
     within = samples[samples["time_s"].between(one["start_s"], one["end_s"])]
     at = within[f"knee_angle_{one['side']}_deg"].idxmax()
     assert one["knee_flexion_max_std_deg"] == samples[f"knee_angle_{one['side']}_std_deg"][at] > 3.0
-    whole = strides.query("regular")
-    assert (whole["special"] == "").all() and (strides[~strides["regular"]]["special"] != "").all()
-    assert len(whole) > 10
     np.testing.assert_allclose(whole["stance_duration_s"] + whole["swing_duration_s"], whole["stride_duration_s"])
-    assert len(tables["bouts"]) == 1
-    assert tables["bouts"]["n_strides"].item() == len(strides)
-    of_length = tables["summary"].set_index("measure").loc["stride_length"]
-    assert of_length["mean"] == pytest.approx(whole["stride_length_m"].median(), rel=0.02)
-    assert 0.0 < of_length["std"] < 0.1 and of_length["error_std"] > 0.0
-    angles = tables["summary"].set_index("measure").loc["knee_flexion_max"]
-    assert angles["error_std"] > 3.0 and np.isfinite(angles["std"])
-    assert "step_length_m" in strides and "step_length" not in set(tables["summary"]["measure"])  # without a range
+    summary = tables["summary"].set_index("measure")
+    assert summary.loc["stride_length", "mean"] == pytest.approx(whole["stride_length_m"].median(), rel=0.02)
+    assert 0.0 < summary.loc["stride_length", "std"] < 0.1
     metres, error = analysis.estimate.distance[-1], analysis.estimate.diagnostics["distance_stddev"][-1]
-    bout, of_walk = tables["bouts"].iloc[0], tables["summary"].set_index("measure").loc["distance"]
-    assert bout["distance_m"] == pytest.approx(metres) and bout["distance_std_m"] == pytest.approx(error)
-    assert of_walk["mean"] == pytest.approx(metres) and of_walk["error_std"] == pytest.approx(error)
-    assert of_walk["n_strides"] == len(strides)
+    (bout,) = tables["bouts"].to_dict("records")
+    assert (bout["distance_m"], bout["distance_std_m"]) == (pytest.approx(metres), pytest.approx(error))
+    assert (summary.loc["distance", "mean"], summary.loc["distance", "error_std"]) == (bout["distance_m"], error)
+    assert bout["n_strides"] == summary.loc["distance", "n_strides"] == len(strides)
     for joint in ("hip", "knee"):
         low, high, between = (f"{joint}_flexion_{word}" for word in ("min", "max", "range"))
         np.testing.assert_allclose(strides[f"{between}_deg"], strides[f"{high}_deg"] - strides[f"{low}_deg"])
         ends = strides[[f"{low}_std_deg", f"{high}_std_deg"]].to_numpy()
         np.testing.assert_allclose(strides[f"{between}_std_deg"], np.hypot(*ends.T))
-        of_range = tables["summary"].set_index("measure").loc[between]
-        assert np.isfinite(of_range["std"]) and of_range["error_std"] == pytest.approx(
-            np.sqrt(np.mean(strides.query("regular")[f"{between}_std_deg"] ** 2)), rel=0.05
-        )
     contacts = tables["contacts"]
-    assert (np.diff(contacts["time_s"]) >= 0.0).all()
-    initial = contacts[contacts["event"] == "initial"]
-    assert (initial["side"].to_numpy()[1:] != initial["side"].to_numpy()[:-1]).all()
+    initial = contacts[contacts["event"] == "initial"]["side"].to_numpy()
+    assert (np.diff(contacts["time_s"]) >= 0.0).all() and (initial[1:] != initial[:-1]).all()
     assert {"feet", "ankles", "shanks", "waist", "legs", "combined"} == set(tables["sources"]["source"])
-    assert "knee_angle_right_deg" in tables["samples"]
-    for side in ("right", "left"):
-        assert tables["samples"][f"angles_valid_{side}"].dtype == bool
-        assert tables["samples"][f"angles_valid_{side}"].all()
-    assert strides["angles_valid"].all()
     assert "not usable" not in str(results_of(analysis).rows)
 
 
@@ -424,10 +278,10 @@ def test_exchanged_feet_contradict_the_waist(walked):
 def test_a_shoe_beside_the_waist_is_noted_and_the_lengths_are_its_own(walked, analysis):
     recording = only(walked[0], "pelvis", "foot_right")
     found = jgait.analyse(recording, {"height": PERSON["height"]})
-    (note,) = of_code(found.notes, "sides_measured_otherwise")
+    (note,) = of_code(found.notes, "measured_by_waist")
     assert (note.values["side"], note.values["other"], note.values["source"]) == ("left", "right", "feet")
     both = jgait.analyse(only(walked[0], "pelvis", *FEET), PERSON)
-    assert not {"sides_measured_otherwise"} & {*codes(both.notes), *codes(analysis.notes)}
+    assert not {"measured_by_waist"} & {*codes(both.notes), *codes(analysis.notes)}
     length = stride_length_in(found)
     assert length["mean"] == length["right"] and np.isnan(length["left"])
     length = stride_length_in(jgait.analyse(recording, PERSON))  # of a known pendulum, the waist's count as well
@@ -447,13 +301,6 @@ def test_legs_that_walk_backwards_are_not_believed_and_the_note_says_why(walked)
     (places,) = of_code(found.notes, "places_unsure")
     assert "walks backwards" in str(places)
     assert of_code(found.notes, "knee_implausible") or of_code(found.notes, "angles_doubtful")
-
-
-def test_sensors_in_a_wrong_unit_are_left_out(walked):
-    ankle = walked[0].sensors["ankle_right"]
-    found = jgait.analyse(changed(only(walked[0], *FEET), ankle_right=ankle._replace(gyr=np.rad2deg(ankle.gyr))))
-    assert [source.name for source in found.sources] == ["feet"]
-    assert found.notes[0].code == "sensor_gyr_unit"
 
 
 def read_again(recording, placement, change):
@@ -538,17 +385,6 @@ def test_a_gap_of_one_leg_takes_no_angles_from_the_other(walked, analysis):
     assert not of_code(one.notes, "no_angles_of_strides")
 
 
-def test_a_leg_without_angles_in_any_stride_is_named(walked):
-    recording, _ = walked
-    shank = recording.sensors["shank_right"]
-    time = np.asarray(shank.time)
-    measured = (time % 1.0 < 0.6) | (time < 3.2)
-    found = jgait.analyse(changed(recording, shank_right=masked(shank, measured)), PERSON)
-    assert [note.values["side"] for note in of_code(found.notes, "no_angles_of_strides")] == ["right"]
-    summary = io.analysis_to_dataframes(found)["summary"].set_index("measure")
-    assert np.isnan(summary.loc["knee_flexion_max", "right"]) and np.isfinite(summary.loc["knee_flexion_max", "left"])
-
-
 def test_a_source_without_any_stride_does_not_stop_the_others(walked):
     pelvis = walked[0].sensors["pelvis"]
     shaken = 0.01 * np.random.default_rng(0).normal(size=np.shape(pelvis.acc))
@@ -568,33 +404,10 @@ def standing(recording, seconds=4.0):
     return recording._replace(sensors=sensors)
 
 
-def test_a_single_step_has_tables(walked):
-    recording = walked[0]
-    shanks = [imu for name, imu in recording.sensors.items() if name.startswith("shank")]
-    first = min(float(imu.time[np.linalg.norm(imu.gyr, axis=1) > 2.0][0]) for imu in shanks)
-    sensors = {name: Imu(*(part[imu.time < first + 1.3] for part in imu)) for name, imu in recording.sensors.items()}
-    found = jgait.analyse(recording._replace(sensors=sensors), PERSON)
-    tables = io.analysis_to_dataframes(found)
-    assert 1 <= len(tables["strides"]) <= 4 and len(tables["bouts"]) == 1
-
-
-def test_notes_contain_that_strides_are_uneven_or_few_and_commands_print_it_once(walked, analysis):
-    recording = walked[0]
-    begin = float(analysis.strides.strides.start[len(analysis.strides.first) // 2])
-    sensors = {name: Imu(*(part[imu.time < begin] for part in imu)) for name, imu in recording.sensors.items()}
-    found = jgait.analyse(recording._replace(sensors=sensors), PERSON)
-    kept = int(io.analysis_to_dataframes(found)["strides"]["regular"].sum())
-    (few,) = of_code(found.notes, "few_regular_strides")
-    assert (few.values["strides"], few.severity) == (kept, "check") and 0 < kept < 10
-    assert not of_code(analysis.notes, "strides_uneven") and not of_code(found.notes, "strides_uneven")
-    shown = [flag.text for flag in results_of(found).flags()]
-    assert [text for text in shown if "regular stride" in text] == [f"Only {kept} regular strides"]
-
-
 def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     found = jgait.analyse(standing(walked[0]), PERSON)
     assert found.strides is None and found.estimate.strides is None
-    assert found.notes[0].code == "no_strides"
+    assert found.notes[0].code == "no_walking"
     tables = io.analysis_to_dataframes(found)
     assert (
         all(tables[name].empty for name in ("strides", "summary", "bouts")) and "stride_length_m" in tables["strides"]
@@ -603,22 +416,8 @@ def test_a_person_who_only_stands_has_tables_and_a_note_but_no_strides(walked):
     assert shown.empty
     results = results_of(found)
     assert not {"cadence", "stance"} & {row[0] for row in results.rows}
-    assert results.numbers["notes"][0]["code"] == "no_strides"
+    assert results.numbers["notes"][0]["code"] == "no_walking"
     assert "No strides were found" in of_analysis(found, walked[0]).html
-
-
-def test_without_a_regular_stride_no_means_are_stated(analysis):
-    half = {**analysis.strides.flags, "half": np.ones(len(analysis.strides.first), bool)}
-    strides = analysis.strides._replace(flags=half)
-    rows = comparisons(analysis.sources, strides, [], None)
-    assert {c.quantity for c in rows} == {"strides"}
-    estimate = analysis.estimate._replace(diagnostics={**analysis.estimate.diagnostics, **half})
-    changed = analysis._replace(estimate=estimate, strides=strides, comparisons=rows)
-    said = {row[0]: row[1] for row in results_of(changed).rows}
-    assert said["strides"].endswith(", 0 regular")
-    assert {said[name] for name in ("stride length", "walking speed", "cadence", "stance")} == {"–"}
-    written = results_of(changed).tables["summary"]
-    assert not len(written) and list(written) == SUMMARY
 
 
 def test_a_missing_height_is_said_only_where_it_matters(walked):
@@ -669,25 +468,6 @@ def test_every_measure_that_is_accepted_is_in_the_help():
     assert [name for names in MEASURES.values() for name in names if f'"{name}"' not in jgait.analyse.__doc__] == []
 
 
-def test_a_sensor_near_the_knee_has_strides_as_long_by_its_lever(walked):
-    """Moved up the shank by a rigid body's law; the lever of the table of measures is taken."""
-    recording = only(walked[0], "shank_right", "shank_left")
-    more = 0.12
-    moved = {}
-    for name, imu in recording.sensors.items():
-        gyr, acc = as_float(imu.gyr), as_float(imu.acc)
-        up = acc[:80].mean(axis=0)
-        arm = np.broadcast_to(more * up / np.linalg.norm(up), gyr.shape)
-        turn = np.cross(np.gradient(gyr, axis=0) * recording.sampling_rate_hz, arm)
-        moved[name] = imu._replace(acc=acc + turn + np.cross(gyr, np.cross(gyr, arm)))
-    usual = as_float(jgait.analyse(recording, {"lever_shank": 0.18}).estimate.distance)[-1]
-    above = recording._replace(sensors=moved)
-    wrong, right = (
-        as_float(jgait.analyse(above, {"lever_shank": lever}).estimate.distance)[-1] for lever in (0.18, 0.18 + more)
-    )
-    assert abs(right / usual - 1.0) < 0.01 < abs(wrong / usual - 1.0)
-
-
 @pytest.mark.parametrize(
     ("person", "said"),
     [
@@ -732,13 +512,3 @@ def test_measurements_are_combined_unless_they_contradict(name):
     value, sd, kept = combined(np.array(values), np.array(deviations), *([] if shared is None else [shared]))
     np.testing.assert_allclose([value, sd], expected, rtol=1e-2 if name.startswith("so uncertain") else 1e-7)
     assert kept.tolist() == which
-
-
-def test_bouts_share_the_deviation_of_the_distance(walked):
-    feet = only(walked[0], *FEET)
-    gait = jgait.analyse(in_a_row(feet, standing(feet), feet))
-    bouts, way = io.analysis_to_dataframes(gait)["bouts"], gait.estimate.distance[-1]
-    error = gait.estimate.diagnostics["distance_stddev"][-1]
-    assert len(bouts) == 2
-    assert bouts["distance_std_m"].sum() == pytest.approx(error, rel=0.01)
-    np.testing.assert_allclose(bouts["distance_std_m"] / bouts["distance_m"], error / way)
