@@ -1,12 +1,14 @@
 """Facts about sensors: merged, written as notes, and carried by recordings."""
 
 import pickle
+from types import SimpleNamespace
 
 import jax
 import numpy as np
 import pytest
 
 from jgait.quality import SOUND, SensorQuality, above, merged, notes, of_sensor, opposite
+from jgait.quality.stride import of_sensors
 from jgait.types import Imu, Recording
 
 
@@ -52,3 +54,11 @@ def test_a_recording_carries_its_quality_through_copies_pickles_and_trees():
     assert pickle.loads(pickle.dumps(recording)).quality == quality
     leaves, structure = jax.tree.flatten(recording)
     assert jax.tree.unflatten(structure, leaves).quality == quality
+
+
+def test_rates_whose_sign_is_reversed_are_evidence_and_no_error():
+    found = SimpleNamespace(
+        diagnostics={"sensors": {"foot_left": SensorQuality(rates_factor=-1.0, rates_off=True)}},
+        strides=SimpleNamespace(side=np.array([1])),
+    )
+    assert of_sensors(found, {1: "foot_left"})["rates"] > 2.0

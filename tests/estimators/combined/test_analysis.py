@@ -382,7 +382,6 @@ def test_a_gap_of_one_leg_takes_no_angles_from_the_other(walked, analysis):
     gap = ~np.isfinite(as_float(one.estimate.legs.right.knee_angle))
     assert gap.sum() == pytest.approx(0.4 / step, abs=1)
     assert [note.values["side"] for note in of_code(one.notes, "not_estimated")] == ["right"]
-    assert not of_code(one.notes, "no_angles_of_strides")
 
 
 def test_a_source_without_any_stride_does_not_stop_the_others(walked):
