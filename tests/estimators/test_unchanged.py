@@ -1,7 +1,7 @@
 """Estimates of real recordings are those stored in `unchanged.json`, to rounding: moving code changes no number.
 
 JGAIT_WRITE_UNCHANGED=1 python -m pytest -n 0 tests/estimators/test_unchanged.py writes the numbers anew; -k narrows
-it down to the recordings and estimators that a change of method is meant to move.
+it down to the recordings and estimators that a change of method is meant to move. The commit that writes them says why.
 """
 
 import json
