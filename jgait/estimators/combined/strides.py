@@ -164,7 +164,7 @@ def _matched(columns: list[_Columns], side: int, wrong: frozenset[str]) -> list[
     return [group for *_, group in found]
 
 
-class _Stride(NamedTuple):
+class _JoinedStride(NamedTuple):
     """One stride, with the values of its sources."""
 
     first: str
@@ -182,7 +182,7 @@ AT = {name: number for number, name in enumerate(FIELDS)}
 """Quantity → its column."""
 
 
-def _stride(columns: Mapping[str, _Columns], group: dict[str, int]) -> _Stride:
+def _stride(columns: Mapping[str, _Columns], group: dict[str, int]) -> _JoinedStride:
     """A stride from its row in each source; rows in doubt count only where no other source has the stride.
 
     If the clock of a source is in doubt, all but its times count.
@@ -219,7 +219,7 @@ def _stride(columns: Mapping[str, _Columns], group: dict[str, int]) -> _Stride:
     if sd[first][length] > 0.0:
         spread[speed] = sd[first][speed] * spread[length] / sd[first][length]
     flags = {flag for name in names for flag, of_source in columns[name].flags.items() if of_source[group[name]]}
-    return _Stride(first, side, group, values, spread, flags, used, contradicts, names[0] not in sure)
+    return _JoinedStride(first, side, group, values, spread, flags, used, contradicts, names[0] not in sure)
 
 
 def _table(columns: list[_Columns], groups: list[dict[str, int]], width: SourceEstimate | None) -> JoinedStrides:
