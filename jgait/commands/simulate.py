@@ -164,7 +164,8 @@ def _written(
         io.write_csv(truth.estimate, out / f"{name}_truth.csv"),
         io.write_csv(io.strides_to_dataframe(truth.estimate), out / f"{name}_strides.csv"),
     ]
-    lengths = {f"{part}_m": float(getattr(body, part)) for part in ("thigh_length", "shank_length", "sensor_height")}
+    parts = ("height", "thigh_length", "shank_length", "sensor_height")
+    lengths = {f"{part}_m": float(getattr(body, part)) for part in parts}
     return {
         "file": f"{name}.csv", "subject": recording.subject, **lengths, "distance_m": distance,
         "sampling_rate_hz": float(recording.sampling_rate_hz), "reference_samples": f"{name}_truth.csv",

@@ -127,15 +127,6 @@ def foot_path(imu: Imu, rate_hz: float) -> FootPath:
     return FootPath(start, end, length, rise, distance, _covered(standing, len(gyr)))
 
 
-def select(path: FootPath, keep: np.ndarray) -> FootPath:
-    """The path of a foot without the strides where `keep` (n,) is False and without their lengths in the distance."""
-    step = np.diff(path.distance, prepend=0.0)
-    for start, end in zip(path.start[~keep], path.end[~keep], strict=True):
-        step[start : end + 1] = 0.0
-    kept = {name: getattr(path, name)[keep] for name in ("start", "end", "length", "rise")}
-    return path._replace(distance=np.cumsum(step), **kept)
-
-
 def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, FootPath]:
     """The strides of walking (side → strides), without steps on the spot before and after it.
 
@@ -145,16 +136,21 @@ def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, Foot
     both = np.logical_and.reduce([path.standing for path in feet.values()])
     pauses = [run for run in true_runs(both) if run[1] - run[0] >= BOTH_STANDING * rate_hz]
     moving = true_runs(~_covered(pauses, len(both)))
-    keep = {side: np.zeros(len(path.length), bool) for side, path in feet.items()}
+    kept = {side: np.zeros(len(path.length), bool) for side, path in feet.items()}
     for start, end in moving:
-        inside = {}
-        for side, path in feet.items():
-            middle = (path.start + path.end) / 2
-            inside[side] = (middle >= start) & (middle < end)
+        inside = {side: ((path.start + path.end) / 2 >= start) & ((path.start + path.end) / 2 < end)
+                  for side, path in feet.items()}  # fmt: skip
         if np.mean([path.length[inside[side]].sum() for side, path in feet.items()]) >= BOUT_LENGTH:
-            for side in feet:
-                keep[side] |= inside[side]
-    return {side: select(path, keep[side]) for side, path in feet.items()}
+            kept = {side: kept[side] | inside[side] for side in feet}
+    return {side: _only(path, kept[side]) for side, path in feet.items()}
+
+
+def _only(path: FootPath, keep: np.ndarray) -> FootPath:
+    """The path without the strides where `keep` (n,) is False, and without their lengths in the distance."""
+    step = np.diff(path.distance, prepend=0.0)
+    step[_covered([(a, b + 1) for a, b in zip(path.start[~keep], path.end[~keep], strict=True)], len(step))] = 0.0
+    kept = {name: getattr(path, name)[keep] for name in ("start", "end", "length", "rise")}
+    return path._replace(distance=np.cumsum(step), **kept)
 
 
 def _covered(runs: list[tuple[int, int]], samples: int) -> np.ndarray:

@@ -63,43 +63,41 @@ def load_one(name: str) -> Walk:
         raise RecordingError(f"{path.name}: imu_data must be (T, 6), acceleration and rate; got {values.shape}")
     time = np.asarray(raw["timestamps"], np.float64)
     imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
-    details: dict[str, Any] = {"footprints": None, "ruler": None}
-    why = _add_ruler(details, name, files)
-    if why is None:
-        why = _add_footprints(details, name, time, files)
+    why, ruler = _ruler(name, files)
+    prints = None
+    if not why:
+        why, prints = _footprints(name, time, files)
     reference, speed = None, None
-    if details["footprints"] is not None:
-        prints = details["footprints"]
-        distance = way(imu.time, prints["position"], prints["time"], prints["time"])
-        valid = imu.time <= prints["time"][-1]
-        source = {"source": "path along the footprints"}
-        strides = footprint_strides("right", prints["position"], prints["time"], prints["time"])
+    if prints is not None:
+        position, at = prints["position"], prints["time"]
+        distance, valid = way(imu.time, position, at, at), imu.time <= at[-1]
+        source, strides = {"source": "path along the footprints"}, footprint_strides("right", position, at, at)
         reference = Estimate(imu.time, Legs(None, None), None, distance, valid, source, strides)
-        speed = float(distance[-1] / (prints["time"][-1] - prints["time"][0]))
+        speed = float(distance[-1] / (at[-1] - at[0]))
     recording = Recording({"foot_right": imu}, rate_hz, name, "footprints", tuple(files.notes))
-    return Walk(recording, reference, {**details, "speed": speed, "no_reference": why, "verified": files.verified})
+    return Walk(recording, reference, {
+        "footprints": prints, "ruler": ruler, "speed": speed, "no_reference": why, "verified": files.verified,
+    })  # fmt: skip
 
 
-def _add_ruler(details: dict[str, Any], name: str, files: Files) -> str | None:
-    """Add the ruler's measurements to `details`; returns why the footprints cannot be used, None where they can."""
+def _ruler(name: str, files: Files) -> tuple[str | None, dict[str, Any] | None]:
+    """Why the footprints cannot be used, None where they can; and the ruler's measurements, if they are here."""
     path = files.find(f"{RULER}/{name}.mat")
     if path is None:
-        return None
-    content = read_mat(path, ("GCP_exist_and_correct",))
-    if not content["GCP_exist_and_correct"]:
-        return f"{path.name} says that the footprints were not measured, or not correctly"
+        return None, None
+    if not read_mat(path, ("GCP_exist_and_correct",))["GCP_exist_and_correct"]:
+        return f"{path.name} says that the footprints were not measured, or not correctly", None
     content = read_mat(path, ("GCP_meters", "tile_edge_length"))
     position = np.asarray(content["GCP_meters"], np.float64)
-    details["ruler"] = {"position": position, "tile": float(content["tile_edge_length"])}
-    return None
+    return None, {"position": position, "tile": float(content["tile_edge_length"])}
 
 
-def _add_footprints(details: dict[str, Any], name: str, time: np.ndarray, files: Files) -> str | None:
-    """Add the footprints to `details`; returns why there are none, None where there are some."""
+def _footprints(name: str, time: np.ndarray, files: Files) -> tuple[str | None, dict[str, Any] | None]:
+    """Why there are no footprints, None where there are some; and the footprints."""
     try:
         path = files.need(f"{ROOT}/{name}_strideIndex_timestamp_gcpX_gcpY.csv")
     except registry.DatasetUnavailable as error:
-        return str(error)
+        return str(error), None
     table = reading.table(path, COLUMNS)
     samples, clock, x, y = (table[column].to_numpy(np.float64) for column in COLUMNS)
     if len(samples) < 2 or not np.isfinite([samples, clock, x, y]).all():
@@ -110,9 +108,5 @@ def _add_footprints(details: dict[str, Any], name: str, time: np.ndarray, files:
     late = np.abs(time[samples] - clock).max()
     if late > CLOCKS:
         raise RecordingError(f"{path.name}: a footprint is {late:.3f} s off the sample that it names")
-    details["footprints"] = {
-        "samples": samples,
-        "time": time[samples] - time[0],
-        "position": np.stack([x, y], axis=1) * ABOVE,
-    }
-    return None
+    position = np.stack([x, y], axis=1) * ABOVE
+    return None, {"samples": samples, "time": time[samples] - time[0], "position": position}

@@ -186,22 +186,15 @@ def _reference(
     for side in SIDES:
         hip, knee, ankle = (vicon[side[0].upper() + joint] for joint in ("HJC", "KJC", "AJC"))
         legs[side] = leg_in_plane(hip, knee, ankle, heading)
-        lengths[side] = (
-            float(np.linalg.norm(knee - hip, axis=1)[stand].mean()),
-            float(np.linalg.norm(ankle - knee, axis=1)[stand].mean()),
-        )
+        bones = (knee - hip, ankle - knee)
+        lengths[side] = tuple(float(np.linalg.norm(bone, axis=1)[stand].mean()) for bone in bones)
         centres[side] = {"hip": hip, "knee": knee, "ankle": ankle}
         for key, marker in (("heel", "HEE"), ("toe", "TOE")):
             if side[0].upper() + marker in vicon:
                 centres[side][key] = vicon[side[0].upper() + marker]
-    estimate = Estimate(
-        time=np.arange(len(heading)) / RATE_HZ,
-        legs=Legs(legs["right"], legs["left"]),
-        stddev=None,
-        distance=path_walked(pelvis, RATE_HZ),
-        valid=np.ones(len(heading), bool),
-        diagnostics={"source": "Vicon joint centres in the pelvis' sagittal plane"},
-    )
+    time, source = np.arange(len(heading)) / RATE_HZ, {"source": "Vicon joint centres in the pelvis' sagittal plane"}
+    valid = np.ones(len(heading), bool)
+    estimate = Estimate(time, Legs(**legs), None, path_walked(pelvis, RATE_HZ), valid, source)
     return estimate, {
         "windows": windows,
         "lengths": lengths,

@@ -82,16 +82,10 @@ def load_one(name: str) -> Walk:
     prints = stances(position, valid, time, rate_hz)
     arrived, left = time[prints["start"]], time[prints["end"] - 1]
     distance = way(imu.time, prints["position"], arrived, left)
-    reference = Estimate(
-        time=imu.time,
-        legs=Legs(None, None),
-        stddev=None,
-        distance=distance,
-        valid=valid,
-        diagnostics={"source": "Vicon; distance from stance to stance"},
-        strides=_strides(prints, valid, time),
-        feet=Feet(FootTrajectory(position, None, None), None),
-    )
+    source = {"source": "Vicon; distance from stance to stance"}
+    feet = Feet(FootTrajectory(position, None, None), None)
+    strides = _strides(prints, valid, time)
+    reference = Estimate(imu.time, Legs(None, None), None, distance, valid, source, strides, feet)
     lost = () if valid.all() else (AS_READ.note(f"samples of Vicon masked: {(~valid).sum()}"),)
     notes = (AXES_TURNED, AS_READ.note("Vicon's axes are left-handed upstream: y changed sign"), *lost)
     recording = Recording({"foot_right": imu}, rate_hz, name, "pyshoe_vicon", notes)

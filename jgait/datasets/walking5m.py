@@ -6,7 +6,7 @@ only when the user calls `fetch("walking5m")`.
 
 Scales: acceleration = raw / 10000 · 9.80665 m/s², rate = raw / 100 deg/s. x runs along the segment, z is mediolateral.
 Each sensor has its own time stamps [ms]; all are put on one 100 Hz clock. Gaps of up to 50 ms are interpolated, longer
-ones masked. Six left-foot sensors give a new value only every 20 ms and are interpolated between these. The back sensor
+ones masked. Six left-foot sensors give a new value, and a new time, only every 20 ms. The back sensor
 (7) is not synchronised with the others and is left out.
 
 Reference: the authors' foot trajectories are not fetched; the distance is computed from the foot sensors
@@ -36,7 +36,7 @@ from jgait.datasets import registry
 from jgait.datasets.foot_reference import FootPath, foot_path, walking_strides
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.places import places_in
-from jgait.notes import DATA_LOST, LEFT_OUT, Kind, Note
+from jgait.notes import AS_READ, DATA_LOST, LEFT_OUT, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
@@ -46,13 +46,6 @@ SENSORS = {1: "foot_right", 2: "shank_right", 3: "thigh_right", 4: "thigh_left",
 ACC_SCALE = GRAVITY / 10000.0  # raw count → m/s²
 GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
 LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
-
-VALUES_HELD = Kind(
-    "values_held",
-    "info",
-    "{placement}: a new value only every {step_ms:.0f} ms; interpolated between",
-    "The sensor was slower than its file; fast movements are smoothed.",
-)
 
 
 def names() -> list[str]:
@@ -101,10 +94,9 @@ def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[s
     """
     feet, reasons = {}, []
     for side in SIDES:
-        if f"foot_{side}" not in sensors:
-            reasons.append(f"{side}: there is no foot sensor")
-            continue
         try:
+            if f"foot_{side}" not in sensors:
+                raise ValueError("there is no foot sensor")
             feet[side] = foot_path(sensors[f"foot_{side}"], RATE_HZ)
         except ValueError as error:
             reasons.append(f"{side}: {error}")
@@ -113,24 +105,9 @@ def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[s
     feet = walking_strides(feet, RATE_HZ)
     if not all(len(path.length) for path in feet.values()):
         return None, feet, "neither foot walks: all strides are steps on the spot"
-    distance = (feet["right"].distance + feet["left"].distance) / 2
-    time = next(iter(sensors.values())).time
-    return (
-        Estimate(
-            time=time,
-            legs=Legs(None, None),
-            stddev=None,
-            distance=distance,
-            valid=np.ones(len(time), bool),
-            diagnostics={
-                "source": "mean of both foot sensors, strapdown between stances",
-                **{f"{side}_distance": float(feet[side].distance[-1]) for side in SIDES},
-                **{f"{side}_strides": len(feet[side].length) for side in SIDES},
-            },
-        ),
-        feet,
-        None,
-    )
+    time, distance = next(iter(sensors.values())).time, (feet["right"].distance + feet["left"].distance) / 2
+    source = {"source": "mean of both foot sensors, strapdown between stances"}
+    return Estimate(time, Legs(None, None), None, distance, np.ones(len(time), bool), source), feet, None
 
 
 def _read_table(path: Path) -> dict[str, np.ndarray]:
@@ -167,11 +144,15 @@ def _sensors(
         extra = [column for column in (f"Ext1_{number}", f"Ext2_{number}") if column in table]
         time = table[f"Time_{number}"] / 1000.0
         values = np.stack([table[column] for column in [*_columns(number), *extra]], axis=1)
-        kept = _increasing(time, values, placement, notes)
-        if len(kept[0]) < 2:
+        kept = np.isfinite(time) & np.isfinite(values).all(axis=1)
+        kept[kept] = np.diff(np.maximum.accumulate(time[kept]), prepend=-np.inf) > 0.0
+        if kept.sum() < 2:
             notes.append(LEFT_OUT.note(f"{placement} left out: its time does not run"))
             continue
-        raw[placement] = kept
+        if (dropped := int((~kept).sum())) > 1:  # the last row of sensor 1 always repeats the time before it
+            why = "they lack a number, or their time is not later than the one before"
+            notes.append(AS_READ.note(f"{placement}: {dropped} of {len(time)} rows are not read: {why}"))
+        raw[placement] = time[kept], values[kept]
     if not raw:
         raise RecordingError(f"{file} has no leg sensor; expected columns such as {', '.join(_columns(1)[:2])}")
     if "Time_7" in table:
@@ -191,29 +172,6 @@ def _sensors(
         if signals.shape[1] == 8:
             insoles[placement.split("_")[1]] = (signals[:, 6], signals[:, 7])
     return sensors, insoles, notes
-
-
-def _increasing(
-    time: np.ndarray, values: np.ndarray, placement: str, notes: list[Note]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Samples with a number in every column and an increasing time; the other samples are dropped and noted."""
-    finite = np.isfinite(time) & np.isfinite(values).all(axis=1)
-    if not finite.all():
-        notes.append(DATA_LOST.note(f"rows without a number dropped: {(~finite).sum()}", placement=placement))
-    time, values = time[finite], values[finite]
-    if not len(time):
-        return time, values
-    later = np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
-    repeated = int((np.diff(time) == 0).sum())
-    backward = int((~later).sum()) - repeated
-    if repeated > len(time) // 4:
-        step = np.median(np.diff(time[later])) * 1000
-        notes.append(VALUES_HELD(placement=placement, step_ms=step))
-    elif repeated > 1:  # the last row of sensor 1 always repeats the time before it
-        notes.append(DATA_LOST.note(f"repeated times dropped: {repeated}", placement=placement))
-    if backward > 0:
-        notes.append(DATA_LOST.note(f"times that run backwards dropped: {backward}", placement=placement))
-    return time[later], values[later]
 
 
 def _on_clock(time: np.ndarray, values: np.ndarray, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

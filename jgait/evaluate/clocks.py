@@ -11,6 +11,9 @@ from jgait.types import SIDES, Estimate, Feet, Legs, as_float
 type Search = Callable[[Estimate, Estimate, np.ndarray], np.ndarray | None]
 """(estimate, reference, shifts of the reference [s]) → (shifts,) error; None where one of the two lacks something."""
 
+type Signal = tuple[np.ndarray, np.ndarray, bool]
+"""Times [s] and values of a signal, and whether it is 0 outside these times."""
+
 REFERENCE_CLOCK = Kind(
     "reference_clock", "check", "{what} of the reference agree with the estimate if the reference is {seconds:.2f} s "
     "{when}",
@@ -33,42 +36,45 @@ REFERENCE_OTHER = Kind(
 MOST_S, STEP_S = 5.0, 0.02
 """[s] Largest offset of a clock that is looked for, and step of the search."""
 
-STRIDE_S = 0.6
-"""[s] Duration of a short stride: offsets this far from the one nearest to 0 belong to another stride."""
-
 OFFSET_S = 0.1
 """[s] Least offset that is noted; contacts differ by less where two methods define them."""
 
-SWING = (0.5, 0.9)
-"""[1] Part of a stride in which a knee is bent most; chosen wide, so that it holds for slow and fast walking, stiff
-legs, shuffling and running."""
+SWING, WIDE = 0.7, 0.12
+"""[1] Part of a stride in the middle of which a knee is bent most, and deviation of the pulse that stands for it."""
 
-SCATTER = 0.1
-"""[1] Largest difference of that moment from its median over the strides of a leg; chosen, far above that of most."""
+AGREES = 0.35
+"""[1] One minus the correlation below which two signals agree; chosen above that of most recordings of public sets."""
 
 BETTER = 0.5
-"""[1] Largest part of the error, or of the contacts that do not match, that is left with the offset that is noted.
-Without such an offset, a reference is noted if this part of its error is above that of `CHECKS`; chosen."""
+"""[1] Largest part of the error that is left with the offset that is noted. Without such an offset, a reference is
+noted if this part of its error is above `AGREES`; chosen."""
 
 MOST_SAMPLES = 3000
 """Largest number of samples of a reference whose signals are compared."""
 
-DISTANCE_M = 1.0
-"""[m] Least distance whose course is compared."""
+DISTANCE_M, DISTANCE_AGREES = 1.0, 0.05
+"""[m] Least distance whose course is compared, and [1] difference over the whole distance below which it agrees."""
 
-STRIDES, STRIDES_OF_LEG = 3, 100
-"""Least number of strides whose contacts or swings are compared, and largest number of a leg for its swings."""
+STRIDES = 3
+"""Least number of strides of a leg whose contacts or swings are compared."""
+
+COMPARED = (
+    ("the knee's angles", "knee", "knee"), ("contacts", "contacts", "contacts"), ("speeds of the feet", "foot", "foot"),
+    ("contacts", "knee", "swings"), ("the knee's angles", "swings", "knee"),
+)  # fmt: skip
+"""What is compared, and the signals of the estimate and of the reference, see `_signal`."""
 
 
 def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
     """A note for each part of a reference that agrees with an estimate much better with exchanged sides, or else at
     other times, or never.
 
-    What both have is compared, of `CHECKS`; a reference of samples and strides is of two files, of which one can be
+    What both have is compared, of `COMPARED`; a reference of samples and strides is of two files, of which one can be
     wrong. Distances, which tell least, are compared where nothing else is noted.
     """
-    notes = tuple(note for check in CHECKS for note in _checked(estimate, reference, *check))
-    return notes or _checked(estimate, reference, *OF_DISTANCES)
+    searches = [(what, AGREES, partial(_of_signals, ours, theirs)) for what, ours, theirs in COMPARED]
+    notes = tuple(note for search in searches for note in _checked(estimate, reference, *search))
+    return notes or _checked(estimate, reference, "distances", DISTANCE_AGREES, _of_way)
 
 
 def _checked(estimate: Estimate, reference: Estimate, what: str, agrees: float, search: Search) -> tuple[Note, ...]:
@@ -82,8 +88,7 @@ def _checked(estimate: Estimate, reference: Estimate, what: str, agrees: float, 
         return (REFERENCE_SIDES(what=what),)
     if error.min() > BETTER * now[0]:
         return (REFERENCE_OTHER(what=what, seconds=MOST_S),) if BETTER * now[0] > agrees else ()
-    least = shifts[error <= error.min() + 1e-9]  # contacts agree as well over some shifts, and a whole stride later
-    best = float(np.mean(least[np.abs(least - least[np.argmin(np.abs(least))]) < STRIDE_S]))
+    best = float(shifts[np.argmin(error + 1e-6 * np.abs(shifts))])
     note = REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier")
     return (note,) if abs(best) > OFFSET_S else ()
 
@@ -98,44 +103,57 @@ def _exchanged(reference: Estimate) -> Estimate:
     )
 
 
-def _knee(estimate: Estimate, side: str) -> np.ndarray | None:
-    """(T,) flexion of a knee [rad]."""
-    leg = getattr(estimate.legs, side)
-    return None if leg is None else as_float(leg.knee_angle)
+def _signal(estimate: Estimate, kind: str, side: str) -> Signal | None:
+    """A signal of a leg and the times that it covers; None if the estimate lacks it.
 
-
-def _speed(estimate: Estimate, side: str) -> np.ndarray | None:
-    """(T,) horizontal speed of a foot [m/s]."""
-    foot = None if estimate.feet is None else getattr(estimate.feet, side)
-    if foot is None or np.size(estimate.time) < 2:
+    "knee": flexion of the knee; "foot": horizontal speed of the foot; "contacts": pulses at the contacts; "swings":
+    pulses at the middles of the swings.
+    """
+    strides, valid = estimate.strides, np.asarray(estimate.valid, bool)
+    if kind in ("contacts", "swings"):
+        if strides is None or strides.start is None or strides.end is None:
+            return None
+        rows = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == SIDES.index(side))
+        end = np.sort(as_float(strides.end)[rows])
+        if end.size < STRIDES:
+            return None
+        lasts = float(np.median(as_float(strides.end)[rows] - as_float(strides.start)[rows]))
+        at, wide = (end, OFFSET_S) if kind == "contacts" else (end - (1.0 - SWING) * lasts, WIDE * lasts)
+        grid = np.arange(at[0] - lasts, at[-1] + lasts, STEP_S)
+        pulses = np.exp(-0.5 * (np.abs(grid - at[np.searchsorted(0.5 * (at[1:] + at[:-1]), grid)]) / wide) ** 2)
+        return grid, pulses, True
+    leg = getattr(estimate.legs, side) if kind == "knee" else getattr(estimate.feet or Feet(None, None), side)
+    if leg is None or valid.sum() < 2:
         return None
-    return np.hypot(*np.gradient(as_float(foot.position)[:, :2], as_float(estimate.time), axis=0).T)
+    time = as_float(estimate.time)
+    if kind == "knee":
+        return time[valid], as_float(leg.knee_angle)[valid], False
+    return time[valid], np.hypot(*np.gradient(as_float(leg.position)[:, :2], time, axis=0).T)[valid], False
 
 
-def _of_signal(
-    signal: Callable[[Estimate, str], np.ndarray | None], estimate: Estimate, reference: Estimate, shifts: np.ndarray
+def _of_signals(
+    our_kind: str, their_kind: str, estimate: Estimate, reference: Estimate, shifts: np.ndarray
 ) -> np.ndarray | None:
-    """(shifts,) standard deviation of the difference of a signal, the reference shifted [s]; None without both.
+    """(shifts,) one minus the correlation of two signals, the reference shifted [s]; None without both.
 
     A shift that leaves less than half of the samples in common counts as no agreement.
     """
     errors = []
-    known, valid = np.asarray(reference.valid, bool), np.asarray(estimate.valid, bool)
-    if not known.any() or not valid.any():
-        return None
-    rows = np.flatnonzero(known)[:: -(-int(known.sum()) // MOST_SAMPLES)]
-    time, ours_at = as_float(reference.time)[rows], as_float(estimate.time)[valid]
     for side in SIDES:
-        ours, theirs = signal(estimate, side), signal(reference, side)
+        ours, theirs = _signal(estimate, our_kind, side), _signal(reference, their_kind, side)
         if ours is None or theirs is None:
             continue
-        at = time[None, :] + shifts[:, None]
-        there = (at >= ours_at[0]) & (at <= ours_at[-1])
-        gap = np.where(there, np.interp(at, ours_at, ours[valid]) - theirs[rows], np.nan)
-        enough = there.sum(axis=1) > 0.5 * len(time)
-        spread = np.full(len(shifts), np.inf)
-        spread[enough] = np.nanstd(gap[enough], axis=1)
-        errors.append(spread)
+        rows = slice(None, None, -(-theirs[0].size // MOST_SAMPLES))
+        time, y = theirs[0][rows], theirs[1][rows]
+        at = time + shifts[:, None]
+        x = np.interp(at, *ours[:2], left=0.0 if ours[2] else np.nan, right=0.0 if ours[2] else np.nan)
+        there = np.isfinite(x)
+        count = np.maximum(there.sum(axis=1), 1)
+        x, y = np.where(there, x, 0.0), np.where(there, y, 0.0)
+        sums = [np.sum(part, axis=1) / count for part in (x, y, x * x, y * y, x * y)]
+        spread = np.sqrt(np.maximum(sums[2] - sums[0] ** 2, 0.0) * np.maximum(sums[3] - sums[1] ** 2, 0.0))
+        r = np.divide(sums[4] - sums[0] * sums[1], spread, out=np.full(len(shifts), np.nan), where=spread > 1e-12)
+        errors.append(np.where(count > 0.5 * time.size, 1.0 - r, np.inf))
     return np.mean(errors, axis=0) if errors else None
 
 
@@ -155,67 +173,3 @@ def _of_way(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.n
     ours, theirs = ours - ours.mean(axis=1, keepdims=True), theirs - theirs.mean()
     scale = (ours @ theirs) / np.maximum(np.sum(ours**2, axis=1), DISTANCE_M)
     return np.std(scale[:, None] * ours - theirs, axis=1) / np.ptp(theirs)
-
-
-def _of_contacts(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
-    """(shifts,) share of the reference's contacts, shifted [s], without a contact of the estimate near."""
-    ours, theirs = estimate.strides, reference.strides
-    if ours is None or theirs is None or ours.end is None or theirs.end is None:
-        return None
-    lacking, count = np.zeros(len(shifts)), 0
-    for number in range(len(SIDES)):
-        estimated, true = (
-            as_float(strides.end)[np.asarray(strides.valid, bool) & (np.asarray(strides.side) == number)]
-            for strides in (ours, theirs)
-        )
-        if estimated.size and true.size:
-            ends, at = np.concatenate([[-np.inf], np.sort(estimated), [np.inf]]), true + shifts[:, None]
-            following = np.searchsorted(ends, at)
-            apart = np.minimum(ends[following] - at, at - ends[following - 1])
-            lacking += np.sum(apart > OFFSET_S, axis=1)
-            count += true.size
-    return lacking / count if count >= STRIDES else None
-
-
-def _of_swings(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
-    """(shifts,) share of the reference's strides, shifted [s], in which the estimate's knee is not bent most in the
-    swing, or at another part of the stride than in most; None without knees or strides.
-    """
-    strides, valid = reference.strides, np.asarray(estimate.valid, bool)
-    if strides is None or strides.start is None or strides.end is None or not valid.any():
-        return None
-    time, part = as_float(estimate.time)[valid], np.linspace(0.0, 1.0, 51)
-    lacking, count = np.zeros(len(shifts)), 0
-    for number, side in enumerate(SIDES):
-        knee = _knee(estimate, side)
-        leg_strides = np.flatnonzero(np.asarray(strides.valid, bool) & (np.asarray(strides.side) == number))
-        if knee is None or not leg_strides.size:
-            continue
-        end = as_float(strides.end)[leg_strides]
-        lasts = float(np.median(end - as_float(strides.start)[leg_strides]))  # a first stride from standing begins late
-        end = end[:: -(-end.size // STRIDES_OF_LEG)]
-        for row, shift in enumerate(shifts):
-            at = (end + shift - lasts)[:, None] + lasts * part
-            most = part[np.argmax(np.interp(at, time, knee[valid]), axis=1)]
-            swings = (most > SWING[0]) & (most < SWING[1]) & (np.abs(most - np.median(most)) < SCATTER)
-            lacking[row] += np.sum(~swings | (at[:, 0] < time[0]) | (at[:, -1] > time[-1]))
-        count += end.size
-    return lacking / count if count >= STRIDES else None
-
-
-def _of_their_swings(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
-    """As `_of_swings`, of the estimate's strides and the reference's knee."""
-    return _of_swings(reference, estimate, -shifts)
-
-
-CHECKS: tuple[tuple[str, float, Search], ...] = (
-    ("the knee's angles", np.deg2rad(8.0), partial(_of_signal, _knee)),
-    ("contacts", 0.3, _of_contacts),
-    ("speeds of the feet", 0.4, partial(_of_signal, _speed)),
-    ("contacts", 0.3, _of_swings),
-    ("the knee's angles", 0.3, _of_their_swings),
-)
-OF_DISTANCES: tuple[str, float, Search] = ("distances", 0.05, _of_way)
-"""What is compared, the error below which it agrees, and how. Errors are differences of knees about their means [rad],
-differences of speeds of feet [m/s], differences over the whole distance, and shares of contacts, or of swings, that do
-not match."""

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from jgait.geometry.matching import aligned_error
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -191,10 +192,4 @@ def foot_position_error(estimate: Estimate, reference: Estimate, side: str) -> P
 
 def yaw_aligned(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
     """Positions (n, 3) [m] turned about the vertical and shifted onto other positions by least squares."""
-    a, b = ours - ours.mean(axis=0), theirs - theirs.mean(axis=0)
-    along = np.sum(a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1])
-    across = np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    yaw = np.arctan2(across, along)
-    c, s = np.cos(yaw), np.sin(yaw)
-    turned = np.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1], a[:, 2]], axis=1)
-    return turned + theirs.mean(axis=0)
+    return theirs + aligned_error(ours, theirs, np.ones(len(ours), bool))

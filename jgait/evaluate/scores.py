@@ -9,6 +9,7 @@ from jaxtyping import PyTree
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, durations, regular
 from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
+from jgait.geometry.matching import matched, span
 from jgait.notes import Kind, Note, record
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 
@@ -48,15 +49,9 @@ DISTANCE_OFF = Kind(
 STRIDES_OFF = Kind(
     "reference_strides_off", "check",
     "the reference's strides are {reference:.2f} m long, the estimated {estimate:.2f} m (medians)",
-    "They differ by a factor of more than 2.5, so one of them is wrong. Look for another unit in the reference, such "
-    "as feet or centimetres; until it is corrected, the error is part of all means, and parameters are tuned to it.",
-)  # fmt: skip
-
-STRIDES_HALF = Kind(
-    "reference_strides_half", "check",
-    "the reference's strides are {reference:.2f} m long, the estimated {estimate:.2f} m, twice as long (medians)",
-    "The column of the reference's stride lengths seems to hold step lengths, or halves for another reason. Until it "
-    "is corrected, the error is part of all means, and parameters are tuned to it.",
+    "They differ by a factor of more than 1.7, so one of them is wrong. Look for another unit in the reference, such "
+    "as feet or centimetres, or for lengths of steps; until it is corrected, the error is part of all means, and "
+    "parameters are tuned to it.",
 )  # fmt: skip
 
 FACTOR, DISTANCE_M = 2.5, 1.0
@@ -64,16 +59,9 @@ FACTOR, DISTANCE_M = 2.5, 1.0
 defaults, 2.24 (daily activities, sensor at the waist), and below that of feet and metres; [m] the larger one is at
 least this."""
 
-
-HALF, HALF_SHARE, HALF_COUNT = (1.7, 2.3), 2.0 / 3.0, 3
-"""[1] Estimated lengths of strides over those of a reference that holds halves; [1] least share and [1] least number of
-strides within. Chosen: two times 0.88 to 1.08, the medians of all but one recording of shoes and waists on the public
-sets; where a default estimate is wrong by as much, its strides scatter."""
-
-SHORT_WALK = 0.0046
-"""[m·min] Largest length of a step over steps per minute of a reference that holds halves: of adults it is about
-0.005 to 0.0075, of halves half of it. Chosen between: a wrong estimate of usual strides may be
-twice as long too."""
+STRIDES_FACTOR = 1.7
+"""[1] The same of the medians of stride lengths, below that of strides and steps: two times 0.88, the least median of
+estimates over references of shoes and waists on the public sets."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
@@ -105,9 +93,9 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
         quantities |= within_two_sd(estimate, reference)
         strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
         off = distance_notes(*quantities.get("distance_m", (NAN, NAN)))
-        lengths_off, halves = _strides_notes(strides, estimate, reference)
-        notes += off + lengths_off + halves
-        wrong = {"distance_m": off, "stride_length_m": lengths_off}
+        lengths_off, factor = _strides_notes(strides, estimate, reference)
+        notes += off + lengths_off
+        wrong = {"distance_m": off, "stride_length_m": lengths_off if factor > FACTOR else ()}
         contradicts = tuple((name, note) for name, each in wrong.items() for note in each)
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
@@ -143,32 +131,22 @@ def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
 
 def _strides_notes(
     rows: dict[str, np.ndarray], estimate: Estimate, reference: Estimate
-) -> tuple[tuple[Note, ...], tuple[Note, ...]]:
-    """A note if the lengths of strides and those of the reference cannot both be right; or one if the reference seems
-    to hold halves.
-    """
+) -> tuple[tuple[Note, ...], float]:
+    """A note if the lengths of strides and those of the reference cannot both be right, and their factor [1]."""
     if not rows:
-        return (), ()
+        return (), 1.0
     lengths = rows["quantity"] == "stride_length_m"
-    ours, theirs, lasts = rows["estimate"][lengths], rows["reference"][lengths], (rows["end"] - rows["start"])[lengths]
+    ours, theirs = rows["estimate"][lengths], rows["reference"][lengths]
     if estimate.strides is None and not np.isfinite(ours).any() and reference.strides is not None:
         # No stride is as long as the reference's distance: the lengths of all may be wrong.
         ours = _gained(estimate, _ordered(reference.strides))
-    known = np.isfinite(ours) & np.isfinite(theirs)
+    known = np.isfinite(ours) & np.isfinite(theirs) & (theirs > 0.0)
     if not known.any():
-        return (), ()
+        return (), 1.0
     values = {"reference": float(np.median(theirs[known])), "estimate": float(np.median(ours[known]))}
     low, high = sorted(values.values())
-    if high > FACTOR * low:
-        return (STRIDES_OFF(**values),), ()
-    known &= theirs > 0.0
-    ratio = ours[known] / theirs[known]
-    twice = (ratio > HALF[0]) & (ratio < HALF[1])
-    if known.sum() < HALF_COUNT or np.mean(twice) < HALF_SHARE:
-        return (), ()
-    # A step's length over the steps per minute, of strides that last `lasts`.
-    short = float(np.median(theirs[known] * lasts[known])) / 240.0 < SHORT_WALK
-    return (), (STRIDES_HALF(**values),) if short else ()
+    factor = high / low if low > 0.0 else np.inf
+    return ((STRIDES_OFF(**values),) if factor > STRIDES_FACTOR else ()), factor
 
 
 def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:
@@ -189,12 +167,11 @@ def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -
 def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray]:
     """A row for each valid stride of the reference and each quantity that both have.
 
-    If the estimate has strides, a stride of the reference is matched with the estimated stride of the same foot whose
-    middle is nearest, if each is the other's nearest and they are less than half a stride apart; every quantity that
-    both have in any stride is compared. If it has none, its stride length is the gain of `distance` from the stride's
-    start to its end, valid throughout: between two contacts on a straight path, the hip moves as far as the foot. This
-    does not hold in the first stride from standing, in the last before standing, and in tight turns: only strides
-    `as_far` are compared. Strides that the estimate lacks, or that are not compared, are NaN.
+    If the estimate has strides, they are matched (`geometry.matching.matched`), and every quantity that both have in
+    any stride is compared. If it has none, its stride length is the gain of `distance` from the stride's start to its
+    end, valid throughout: between two contacts on a straight path, the hip moves as far as the foot. This does not hold
+    in the first stride from standing, in the last before standing, and in tight turns: only strides `as_far` are
+    compared. Strides that the estimate lacks, or that are not compared, are NaN.
 
     Returns:
         Columns as of `Scores.strides`; `s_id` counts the strides of the reference in the order in which they start.
@@ -208,7 +185,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray
     whole: list[np.ndarray] = []
     if estimate.strides is not None:
         ours = _ordered(estimate.strides)
-        match = matched(ours, theirs)
+        match = _matches(ours, theirs)
         for name in STRIDE_COLUMNS:
             values, truth = values_of(ours, name), values_of(theirs, name)
             if values is None or truth is None:
@@ -225,7 +202,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray
     if not rows:
         return {}
     count = len(theirs.length)
-    start, end = _span(theirs, standing=theirs.start is None)
+    start, end = span(theirs, standing=theirs.start is None)
     fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end}
     return {name: np.concatenate([values] * len(rows)) for name, values in fixed.items()} | {
         "regular": np.concatenate(whole),
@@ -241,7 +218,7 @@ def within_two_sd(estimate: Estimate, reference: Estimate) -> dict[str, tuple[fl
         return {}
     ours, theirs = _ordered(estimate.strides), _ordered(reference.strides)
     stated = _ordered(estimate.strides_stddev._replace(valid=estimate.strides.valid), like=estimate.strides)
-    match = matched(ours, theirs)
+    match = _matches(ours, theirs)
     quantities = {}
     for name, (field, _) in STRIDE_COLUMNS.items():
         values, truth, spread = (values_of(strides, name) for strides in (ours, theirs, stated))
@@ -265,42 +242,22 @@ def values_of(strides: Strides, quantity: str) -> np.ndarray | None:
     return durations(strides)
 
 
+def _matches(ours: Strides, theirs: Strides) -> np.ndarray:
+    """For each stride of `theirs`, the index of the matching stride of `ours`, −1 for none."""
+    if not ours.side.size:
+        return np.full(theirs.side.size, -1)
+    row, found = matched(ours, theirs)
+    return np.where(found, row, -1)
+
+
 def _ordered(strides: Strides, like: Strides | None = None) -> Strides:
     """The valid strides in the order of their start, or, with `like`, in the order of the strides of `like`."""
     by = strides if like is None else like
     valid = np.flatnonzero(np.asarray(by.valid, bool))
-    order = valid[np.argsort(_span(by, standing=by.start is None)[0][valid], kind="stable")]
+    order = valid[np.argsort(as_float(span(by, standing=by.start is None)[0])[valid], kind="stable")]
     kept = {name: None if column is None else as_float(column)[order] for name, column in strides._asdict().items()}
     columns: dict[str, PyTree] = {"side": np.asarray(by.side)[order].astype(int), "valid": np.ones(order.size, bool)}
     return Strides(**kept | columns)
-
-
-def _span(strides: Strides, *, standing: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Start and end of each stride [s]: from contact to contact, or from standing to standing."""
-    return (
-        (as_float(strides.standing), as_float(strides.standing_end))
-        if standing
-        else (as_float(strides.start), as_float(strides.end))
-    )
-
-
-def matched(ours: Strides, theirs: Strides) -> np.ndarray:
-    """For each stride of `theirs`, the index of the matching stride of `ours`, −1 for none; see `stride_rows`.
-
-    Strides are compared from standing to standing if both tables have times of standing, else from contact to contact;
-    a table without contacts is compared by its times of standing.
-    """
-    none = np.full(theirs.side.size, -1)
-    if not ours.side.size:
-        return none
-    both = ours.standing is not None and theirs.standing is not None
-    (first, last), (start, end) = (_span(s, standing=both or s.start is None) for s in (ours, theirs))
-    apart = np.abs(0.5 * (start + end)[:, None] - 0.5 * (first + last)[None, :])
-    apart = np.where(theirs.side[:, None] == ours.side[None, :], apart, np.inf)
-    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
-    rows = np.arange(theirs.side.size)
-    good = (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (end - start))
-    return np.where(good, nearest, none)
 
 
 def _gained(estimate: Estimate, strides: Strides) -> np.ndarray:

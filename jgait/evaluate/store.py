@@ -12,7 +12,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
 from jaxtyping import PyTree
 
 from jgait.evaluate.statistics import agreement
@@ -105,16 +104,18 @@ class Cohort(NamedTuple):
     def agreement(self, **settings: PyTree) -> "pd.DataFrame":
         """Bias, limits of agreement and ICC of every quantity that has a reference.
 
-        Quantities of strides have a row of all strides, such as `stride_length_m`, and one of those that are `regular`,
-        `regular_stride_length_m`. Half-steps from and to standing are much shorter than other strides, so that they
-        make the ICC of lengths larger, and errors in turns make limits wider: report the regular strides, beside all.
+        Quantities of strides have a row of all strides, such as `stride_length_m`, and, where some are not `regular`,
+        one of those that are, `regular_stride_length_m`. Half-steps from and to standing are much shorter than other
+        strides, so that they make the ICC of lengths larger, and errors in turns make limits wider: report both.
 
         Args:
             settings: `seed` and `resamples`, as of `jgait.evaluate.agreement`.
         """
         import pandas as pd
 
-        every, strides = self.paired(), self.strides[self.strides["regular"] & self.strides["reference"].notna()]
+        every, strides = self.paired(), self.strides[self.strides[["estimate", "reference"]].notna().all(axis=1)]
+        uneven = strides["quantity"].isin(strides.loc[~strides["regular"], "quantity"])
+        strides = strides[uneven & strides["regular"]]
         regular = strides.assign(quantity=REGULAR + strides["quantity"])[every.columns]
         table = agreement(pd.concat([every, regular], ignore_index=True), **settings)
         names = every["quantity"].unique()
@@ -240,15 +241,13 @@ def read_table(path: Path, table: str) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    # Cells are read as text and converted by Python: exact in every version of pandas, and a subject may be named NA.
-    text = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
-    lacking = [name for name in COLUMNS[table] if name not in text]
+    numbers = [name for name in COLUMNS[table] if _TYPES.get(name, "float64") == "float64"]
+    cells = pd.read_csv(
+        path, dtype=dict.fromkeys(_TEXT, str), keep_default_na=False, na_values={name: ["", "nan"] for name in numbers},
+        float_precision="round_trip", encoding="utf-8",
+    )  # fmt: skip
+    lacking = [name for name in COLUMNS[table] if name not in cells]
     if lacking:
         raise ValueError(f"{path.name} has no column {lacking[0]!r}")
 
-    def cells(name: str) -> "np.ndarray | pd.Series | list[float]":
-        if _TYPES.get(name) == "bool":
-            return text[name] == "True"
-        return text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
-
-    return frame(table, {name: cells(name) for name in COLUMNS[table]})
+    return frame(table, cells)

@@ -122,22 +122,9 @@ def small_turn(v: Vector) -> Quaternion:
 
 
 def small_logarithm(q: Quaternion) -> Vector:
-    """`logarithm` by a series without branches, to 1e-9 up to half a radian and 5e-6 up to 1 rad."""
+    """The rotation vector of a unit quaternion by a series, to 1e-9 up to half a radian, to 5e-6 up to 1 rad."""
     a = q.x * q.x + q.y * q.y + q.z * q.z
     factor = 2.0 + a * (1.0 / 3.0 + a * (3.0 / 20.0 + a * (5.0 / 56.0 + a * (35.0 / 576.0 + a * (63.0 / 1408.0)))))
-    return Vector(factor * q.x, factor * q.y, factor * q.z)
-
-
-def logarithm(q: Quaternion) -> Vector:
-    """The rotation vector of a unit quaternion, shorter than π: the inverse of `exponential`, smooth at zero."""
-    sign = xp.where(q.w < 0.0, -1.0, 1.0).astype(xp.result_type(q.w))
-    w, square = sign * q.w, q.x * q.x + q.y * q.y + q.z * q.z
-    near = square < 1e-4
-    length = xp.sqrt(xp.where(near, xp.ones_like(square), square))
-    far = 2.0 * xp.arctan2(length, w) / length
-    # asin(n) / n as a series of n²
-    series = 2.0 * (1.0 + square / 6.0 + 3.0 * square**2 / 40.0 + 15.0 * square**3 / 336.0)
-    factor = sign * xp.where(near, series, far)
     return Vector(factor * q.x, factor * q.y, factor * q.z)
 
 

@@ -5,15 +5,10 @@ forward, y to the left, z along it to the proximal end (for the foot: up). A vec
 with an axis of three: so every function is elementwise, and compiles into loops over time and people.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Float
-
 from jgait.geometry.vectors import GRAVITY, Vector, dot
-from jgait.types import SIDES, AnyArray
+from jgait.types import SIDES
 
 
 class Frame(NamedTuple):
@@ -74,20 +69,6 @@ def in_world(frame: Frame, point: Vector) -> Vector:
 def in_segment(frame: Frame, direction: Vector) -> Vector:
     """The components along the segment's axes of a direction given in the world."""
     return Vector(dot(frame.x, direction), dot(frame.y, direction), dot(frame.z, direction))
-
-
-def differentiated[P](pose: Callable[[Float[AnyArray, "time"]], P], time: Float[AnyArray, "time"]) -> Motion[P]:
-    """A pose, its rate and its acceleration at times (T,) [s], exact by forward-mode differentiation.
-
-    `pose` is an elementwise function of time that returns any pytree of (T,) arrays.
-    """
-    ones = jnp.ones_like(time)
-
-    def rates(at: Float[AnyArray, "time"]) -> tuple[P, P]:
-        return jax.jvp(pose, (at,), (ones,))
-
-    (value, rate), (_, acceleration) = jax.jvp(rates, (time,), (ones,))
-    return Motion(value, rate, acceleration)
 
 
 def inertial(motion: Motion[Frame], point: Vector) -> tuple[Vector, Vector]:

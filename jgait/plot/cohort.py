@@ -6,7 +6,7 @@ import numpy as np
 
 from jgait.evaluate.reliability import Limits, limits_of_agreement
 from jgait.evaluate.statistics import paired_difference, require_columns
-from jgait.plot.style import DASHED, RED, REFERENCE, Axes, Figure, Style, blank
+from jgait.plot.style import BLUE, DASHED, RED, REFERENCE, Axes, Figure, Style, blank
 from jgait.types import numbered_people, people
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ FEW = 8
 """Largest number of subjects with different marks."""
 
 MARKS = (
-    ("o", "#1b1b1b"), ("s", "#c0392b"), ("^", "#6fb1e0"), ("D", "#8a6d00"),
+    ("o", "#1b1b1b"), ("s", RED), ("^", BLUE), ("D", "#8a6d00"),
     ("v", "#707070"), ("P", "#8e2f86"), ("X", "#1d6f42"), ("<", "#d98a2b"),
 )  # fmt: skip
 """Shape and colour of the marks of up to `FEW` subjects; all shapes differ."""
@@ -85,16 +85,8 @@ def bland_altman(
     if count <= FEW:
         for code, (name, (marker, color)) in enumerate(zip(names, MARKS, strict=False)):
             of_subject = codes == code
-            axis.scatter(
-                mean[of_subject],
-                difference[of_subject],
-                s=size,
-                marker=marker,
-                color=color,
-                linewidths=0,
-                alpha=0.85,
-                label=name,
-            )
+            style: Style = {"marker": marker, "color": color, "alpha": 0.85, "label": name}
+            axis.scatter(mean[of_subject], difference[of_subject], s=size, linewidths=0, **style)
         figure.legend(loc="outside right upper", fontsize=8, title="subject", title_fontsize=8, frameon=False)
     else:
         axis.scatter(mean, difference, s=size, linewidths=0, **MANY)

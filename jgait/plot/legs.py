@@ -16,7 +16,6 @@ from jgait.plot.style import (
     band,
     check_overlap,
     panels,
-    titled,
     windowed,
 )
 from jgait.types import SIDES, AnyArray, Estimate, Legs, LegTrajectory
@@ -119,7 +118,8 @@ def _over_time(
         axis.set_xlabel("time [s]")
     above = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 3, "frameon": False}
     axes[0, -1].legend(fontsize=8, borderaxespad=0.1, columnspacing=1.0, handlelength=1.6, **above)
-    titled(figure, title)
+    if title:
+        figure.suptitle(title)
     return figure
 
 
@@ -149,7 +149,8 @@ def foot_path(
         _name(axis, estimate, side)
     axes[0, 0].set_ylabel("ankle above hip [cm]")
     axes[0, 0].legend(loc="upper center", fontsize=8, framealpha=0.9)
-    titled(figure, title)
+    if title:
+        figure.suptitle(title)
     return figure
 
 

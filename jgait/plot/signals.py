@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jgait.plot.style import Figure, blank, titled
+from jgait.plot.style import Figure, blank
 from jgait.types import Recording, as_float
 
 AXIS_STYLE = (("x", "-"), ("y", "--"), ("z", ":"))
@@ -41,5 +41,6 @@ def signals(recording: Recording, *, title: str = "") -> Figure:
     axes[0, 0].legend(ncols=3, fontsize="small", loc="upper right")
     for panel in axes[-1]:
         panel.set_xlabel("time [s]")
-    titled(figure, title)
+    if title:
+        figure.suptitle(title)
     return figure

@@ -5,9 +5,9 @@ figure is drawn, and needs no display.
 """
 
 import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,61 +49,26 @@ FOOTHOLD: dict[str, Style] = {
 }
 """Side → mark of an event of this foot; the marks differ in lightness and shape, also in grey."""
 
-LEFT, RIGHT, BOTTOM, TOP = 1.05, 0.15, 0.55, 0.3
-"""Margins of `panels` [inch]."""
-
-BESIDE, BELOW, CLOSE = 1.05, 0.75, 0.15
-"""Spaces beside axes, below them, and below those that share the x axis of the next [inch]."""
-
-TITLE, LINE = 0.25, 0.18
-"""Heights of a title and of a line of a legend [inch]."""
-
 GROUND: Style = {"linewidth": 0.0, "zorder": 0.0}
 """Style of a time interval that is shaded behind the lines."""
 
 
 def blank(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
     """A figure of width and height [inch] that needs no display, and its axes (rows, columns)."""
-    figure = _figure(width, height, "constrained")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 def panels(rows: int, columns: int, width: float, height: float, **options: Any) -> tuple[Figure, np.ndarray]:
-    """As `blank`, with a grid, and margins of fixed sizes, so that no text is measured before the figure is drawn.
-
-    There is room for labels of the axes of two lines, numbers of six characters, and titles of the axes.
-    """
-    figure = _figure(width, height, None)
-    below = CLOSE if options.get("sharex") else BELOW
-    # Margins are shares of the figure, and spaces between axes are shares of the mean size of the axes.
-    wide = (width - LEFT - RIGHT - BESIDE * (columns - 1)) / columns
-    tall = (height - TOP - BOTTOM - below * (rows - 1)) / rows
-    figure.subplots_adjust(LEFT / width, BOTTOM / height, 1.0 - RIGHT / width, 1.0 - TOP / height,
-                           BESIDE / wide, below / tall)  # fmt: skip
-    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    """As `blank`, with a grid."""
+    figure, axes = blank(rows, columns, width, height, **options)
     for axis in axes.ravel():
         axis.grid(alpha=0.3)
     return figure, axes
-
-
-def _figure(width: float, height: float, layout: Literal["constrained"] | None) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout=layout)
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def titled(figure: Figure, title: str, **style: Any) -> None:
-    """Add a title above all axes; a figure of `panels` gets the room for it."""
-    if not title:
-        return
-    if figure.get_layout_engine() is None:
-        height = figure.get_figheight()
-        style |= {"y": 1.0 - 0.08 / height, "va": "top"}
-        figure.subplots_adjust(top=figure.subplotpars.top - TITLE / height)
-    figure.suptitle(title, **style)
 
 
 def windowed(time: AnyArray, seconds: Seconds) -> np.ndarray:
@@ -139,28 +104,12 @@ def legend(figure: Figure, title: str, *, columns: int = 4) -> None:
     for axis in figure.axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    fixed = figure.get_layout_engine() is None
     figure.legend(
-        entries.values(),
-        entries,
-        loc="lower center" if fixed else "outside lower center",
-        ncols=columns,
-        fontsize=8,
-        frameon=False,
-    )
-    if fixed:
-        lines = -(-len(entries) // columns)
-        room = (lines * LINE + 0.1) / figure.get_figheight()
-        figure.subplots_adjust(bottom=figure.subplotpars.bottom + room)
+        entries.values(), entries, loc="outside lower center", ncols=columns, fontsize=8, frameon=False
+    )  # fmt: skip
     figure.align_ylabels()
-    titled(figure, title, fontsize=11)
-
-
-def over_time(axes: Iterable[Axes]) -> None:
-    """Add a grid to all axes, and the label of the time below the last."""
-    for axis in axes:
-        axis.grid(alpha=0.3)
-    axis.set_xlabel("time [s]")
+    if title:
+        figure.suptitle(title, fontsize=11)
 
 
 def _texts(artist: Any) -> Iterator[Any]:

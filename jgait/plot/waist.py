@@ -16,7 +16,6 @@ from jgait.plot.style import (
     Figure,
     Style,
     legend,
-    over_time,
     panels,
     windowed,
 )
@@ -70,7 +69,7 @@ def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "")
         axis.set_xlim(first, last)
         axis.set_xticks(np.arange(np.ceil(first / TICK_S), np.floor(last / TICK_S) + 1.0) * TICK_S, minor=True)
         axis.grid(alpha=0.18, which="minor", axis="x")
-    over_time(axes[:, 0])
+    axes[-1, 0].set_xlabel("time [s]")
     legend(figure, title)
     return figure
 

@@ -30,7 +30,7 @@ SIGNALS = (("gyr", "angular rate [rad/s]"), ("acc", "specific force [m/s²]"))
 def stick_figure(truth: "Truth", path: str | Path | None = None) -> "FuncAnimation":
     """Animation of the walking body from the side and from the front; the view follows the pelvis.
 
-    The right leg is black, the left leg grey. The toes are bent where the sole would be below the ground.
+    The right leg is black, the left leg grey; a foot is drawn from its heel to its ball.
 
     Args:
         truth: of a simulated walk.
@@ -46,14 +46,13 @@ def stick_figure(truth: "Truth", path: str | Path | None = None) -> "FuncAnimati
     time = np.asarray(truth.estimate.time)
     wanted = np.arange(time[0], time[-1] + 1e-9, 1.0 / FRAMES_HZ)
     chosen = np.unique(np.clip(np.searchsorted(time, wanted), 0, time.size - 1))
-    lines, ground = _lines(truth, Body(), chosen)
+    lines = _lines(truth, Body(), chosen)
     figure, axes = blank(1, 2, 6.2, 4.4, width_ratios=(2.3, 1.0))
     drawn, label = _stage(axes[0], lines)
 
     def show(number: int) -> list[PyTree]:
         for (view, name), artist in drawn.items():
-            points = ground[number] if name == "ground" else lines[name][number]
-            artist.set_data(points[:, view], points[:, 2])
+            artist.set_data(lines[name][number][:, view], lines[name][number][:, 2])
         label.set_text(f"{time[chosen[number]]:.2f} s")
         return [*drawn.values(), label]
 
@@ -77,9 +76,8 @@ def _stage(axes: np.ndarray, lines: dict[str, np.ndarray]) -> tuple[dict[tuple[i
     drawn = {}
     for axis, view, name in ((axes[0], 0, "forward of the pelvis [m]"), (axes[1], 1, "left of the pelvis [m]")):
         # The part nearest to the viewer is drawn last: in the side view the right leg.
-        for part in ("ground", "left", "pelvis", "right"):
-            style = {"left": LEG["left"], "right": LEG["right"], "pelvis": PELVIS}.get(part)
-            style = {"color": "0.45", "linewidth": 1.0} if style is None else style
+        for part in ("left", "pelvis", "right"):
+            style = LEG.get(part, PELVIS)
             (drawn[view, part],) = axis.plot([], [], solid_capstyle="round", solid_joinstyle="round", **style)
         axis.set_aspect("equal")
         wide = max(high[view], -low[view])
@@ -98,50 +96,22 @@ def _stage(axes: np.ndarray, lines: dict[str, np.ndarray]) -> tuple[dict[tuple[i
     return drawn, label
 
 
-def _lines(truth: "Truth", body: "Body", chosen: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Points (n, points, 3) of pelvis, legs and ground, forward and left of the pelvis and up [m]."""
+def _lines(truth: "Truth", body: "Body", chosen: np.ndarray) -> dict[str, np.ndarray]:
+    """Points (n, points, 3) of pelvis and legs, forward and left of the pelvis and up [m]."""
     segments = truth.motion.pose
-    feet = (segments.foot_right, segments.foot_left)
-    footholds, soles = _footholds(truth, body)
     lines = {}
-    for side, foot in zip(SIDES, feet, strict=True):
-        thigh, shank = getattr(segments, f"thigh_{side}"), getattr(segments, f"shank_{side}")
-        sole = [
-            Vector(ahead, 0.0, -body.ankle_height)
-            for ahead in (-body.heel_length, body.ball_length, body.ball_length + body.toe_length)
-        ]
-        heel, ball, tip = (_points(in_world(foot, point), chosen) for point in sole)
-        floor = footholds[_nearest(ball, footholds), 2]
-        bent = np.stack([tip[:, 0], tip[:, 1], np.maximum(tip[:, 2], np.minimum(floor, ball[:, 2]))], axis=1)
+    for side in SIDES:
+        thigh, shank, foot = (getattr(segments, f"{part}_{side}") for part in ("thigh", "shank", "foot"))
         joints = [_points(part.origin, chosen) for part in (thigh, shank, foot)]
-        lines[side] = np.stack([*joints, heel, ball, bent, ball, joints[-1]], axis=1)
+        heel, ball = (_points(in_world(foot, Vector(ahead, 0.0, -body.ankle_height)), chosen)
+                      for ahead in (-body.heel_length, body.ball_length))  # fmt: skip
+        lines[side] = np.stack([*joints, heel, ball, joints[-1]], axis=1)
     middle = _points(segments.pelvis.origin, chosen)
-    hips = [lines[side][:, 0] for side in SIDES]
-    up = _points(segments.pelvis.z, chosen)
-    top = middle + body.back_height * 2.0 * up
-    lines["pelvis"] = np.stack([hips[0], top, hips[1], hips[0]], axis=1)
+    top = middle + body.back_height * 2.0 * _points(segments.pelvis.z, chosen)
+    right, left = (lines[side][:, 0] for side in SIDES)
+    lines["pelvis"] = np.stack([right, top, left, right], axis=1)
     heading = np.asarray(truth.estimate.diagnostics["heading"])[chosen]
-    lines = {name: _seen(points, middle, heading) for name, points in lines.items()}
-    return lines, _seen(np.broadcast_to(soles, (len(chosen), *soles.shape)), middle, heading)
-
-
-def _footholds(truth: "Truth", body: "Body") -> tuple[np.ndarray, np.ndarray]:
-    """Footholds (K, 3) [m], and the soles as lines on the ground (3 K, 3) [m], with a gap after each sole."""
-    plan = truth.plan
-    taken = np.arange(-1, np.size(plan.x) - 1) < float(plan.end)
-    x, y, z, yaw, slope = (
-        np.asarray(part, float)[taken] for part in (plan.x, plan.y, plan.z, plan.foot_yaw, plan.slope)
-    )
-    ends = [
-        np.stack([x + ahead * np.cos(yaw), y + ahead * np.sin(yaw), z + ahead * np.tan(slope)], axis=1)
-        for ahead in (-body.heel_length, body.ball_length + body.toe_length)
-    ]
-    soles = np.stack([*ends, np.full_like(ends[0], np.nan)], axis=1).reshape(-1, 3)
-    return np.stack([x, y, z], axis=1), soles
-
-
-def _nearest(points: np.ndarray, footholds: np.ndarray) -> np.ndarray:
-    return np.argmin(np.linalg.norm(points[:, None, :2] - footholds[None, :, :2], axis=2), axis=1)
+    return {name: _seen(points, middle, heading) for name, points in lines.items()}
 
 
 def _points(vector: Vector, chosen: np.ndarray) -> np.ndarray:

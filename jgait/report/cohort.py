@@ -188,7 +188,8 @@ def _doubtful(text: str) -> list[Note]:
 def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[str, str, str]]:
     """Bias and limits of the distance and of the length of regular strides, and the distance's relative error."""
     facts = []
-    for name in (DRAWN[0], REGULAR + DRAWN[1]):
+    regular = REGULAR + DRAWN[1]
+    for name in (DRAWN[0], regular if regular in agreement.index else DRAWN[1]):
         if name in agreement.index and np.isfinite(agreement.loc[name, ["bias", "loa_low"]].to_numpy(float)).all():
             words, unit = readable(name)
             row = agreement.loc[name]

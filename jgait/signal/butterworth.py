@@ -34,9 +34,9 @@ MORE = 9
 class FilterSection(NamedTuple):
     """A second-order low-pass, gain 1 at zero frequency: numerator b (1, 2, 1), denominator (1, a1, a2)."""
 
-    b: Scalar
-    a1: Scalar
-    a2: Scalar
+    b: Values
+    a1: Values
+    a2: Values
 
 
 class SectionState(NamedTuple):
@@ -46,7 +46,7 @@ class SectionState(NamedTuple):
     second: Values
 
 
-def section(cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> FilterSection:
+def section(cutoff_hz: Values, sampling_rate_hz: Scalar) -> FilterSection:
     """The coefficients of a filter whose gain is 1/√2 at the cut-off [Hz], between 0 and half the sampling rate.
 
     Raises:
@@ -113,10 +113,11 @@ def _on_host(s: FilterSection, values: np.ndarray) -> np.ndarray:
     return y.reshape(values.shape).astype(values.dtype)
 
 
-def low_pass(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[AnyArray, "time *rest"]:
+def low_pass(x: AnyArray, cutoff_hz: Values, sampling_rate_hz: Scalar) -> Float[AnyArray, "time *rest"]:
     """The causal filter over a recording; before the recording the signal is assumed constant at its first sample.
 
-    `x` is (T, ...), floating point, any unit, finite; the result is delayed by `delay`.
+    `x` is (T, ...), floating point, any unit, finite; the result is delayed by `delay`. The cut-off [Hz] is one number,
+    or one for each column of JAX's array.
 
     Raises:
         ValueError: as `section`; if there is no sample, or they are not floating point.

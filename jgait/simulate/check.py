@@ -10,6 +10,7 @@ from jgait.geometry.segments import segment_of
 from jgait.simulate.person import DEGREE, Body, Gait, Person, evenly
 from jgait.simulate.routes import straight
 from jgait.simulate.sensors import ImuErrors, check_errors
+from jgait.simulate.sensors.imu import check_fields
 from jgait.simulate.shapes import STYLES
 from jgait.simulate.walker import Slack, planned
 from jgait.types import check_kind, check_number
@@ -62,12 +63,9 @@ def check_values(person: Person) -> None:
         raise TypeError(f"a person is Person(body=Body(…), gait=Gait(…)); got {person!r}")
     for part in person:
         for name, value in zip(part._fields, part, strict=True):
-            where = f"{type(part).__name__}.{name}"
-            if np.ndim(value) != 0 or not np.issubdtype(np.asarray(value).dtype, np.number):
-                raise TypeError(f"{where} must be one number; got {value!r}")
-            low, high = _RANGES.get(name, (0.0, math.inf))
-            if not (math.isfinite(value) and low <= float(value) <= high):
-                raise ValueError(f"{where} must lie in [{low:g}, {high:g}]; got {float(value):g}")
+            if np.ndim(value) != 0:
+                raise TypeError(f"{type(part).__name__}.{name} must be one number; got {value!r}")
+        check_fields(part, _RANGES)
     gait = person.gait
     if float(gait.steps) != round(float(gait.steps)):
         raise ValueError(f"Gait.steps must be a whole number; got {float(gait.steps):g}")

@@ -36,6 +36,11 @@ class Body(NamedTuple):
     back_depth: Values = 0.062 * 1.75
 
     @property
+    def height(self) -> Values:
+        """Stature of a person of average proportions with these legs [m]."""
+        return (self.ankle_height + self.shank_length + self.thigh_length) / (0.039 + 0.246 + 0.245)
+
+    @property
     def sensor_height(self) -> Values:
         """Height of a sensor over this vertebra above the ground, when standing upright [m]."""
         return self.ankle_height + self.shank_length + self.thigh_length + self.back_height

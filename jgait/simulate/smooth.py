@@ -6,7 +6,6 @@ differentiable, so that sums over samples converge fast to integrals.
 
 import math
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -23,7 +22,6 @@ _SLOPE = 1.0 / sum(math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) for k in range(
 _INTEGRAL = tuple(_SLOPE * math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) / 2.0 for k in range(ORDER + 1))
 
 
-@jax.custom_jvp
 def step(u: Values) -> Values:
     """From 0 at u ≤ 0 to 1 at u ≥ 1:  ∫ (1 − x²)⁶ dx, normalised, with x = 2u − 1."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
@@ -34,14 +32,6 @@ def step(u: Values) -> Values:
     return 0.5 + x * total
 
 
-@step.defjvp
-def _step_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values, Values]:
-    # The derivative of the polynomial loses precision near the ends, where the derivative must be exactly 0.
-    (u,), (du,) = primals, tangents
-    return step(u), _SLOPE * bump(u) * du
-
-
-@jax.custom_jvp
 def ramp(u: Values) -> Values:
     """The integral of `step`: 0 at u ≤ 0, u − 1/2 at u ≥ 1."""
     x = jnp.clip(2.0 * u - 1.0, -1.0, 1.0)
@@ -52,12 +42,6 @@ def ramp(u: Values) -> Values:
     # The constant makes the integral 0 at x = −1.
     least = sum(c / (2.0 * k + 2.0) for k, c in enumerate(_INTEGRAL))
     return 0.5 * (0.5 * (x + 1.0) + square * total - least) + jnp.maximum(u - 1.0, 0.0)
-
-
-@ramp.defjvp
-def _ramp_slope(primals: tuple[Values], tangents: tuple[Values]) -> tuple[Values, Values]:
-    (u,), (du,) = primals, tangents
-    return ramp(u), step(u) * du
 
 
 def glide(u: Jet, gather: Values, lose: Values) -> Jet:

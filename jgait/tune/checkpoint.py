@@ -7,8 +7,9 @@ import inspect
 import json
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from types import CellType, CodeType, FunctionType, MethodType
+from types import CellType, FunctionType, MethodType
 
 import jax
 import jax.numpy as jnp
@@ -22,11 +23,13 @@ UNKNOWN = " at an address"
 
 
 def described(value: object, within: tuple[object, ...] = ()) -> str:
-    """A text of a value that is the same in every process: arrays by content, functions by name, code, and the values
+    """A text of a value that is the same in every process: arrays by content, functions by name, source, and the values
     of other functions that they keep. `within` are the functions to which the value belongs.
     """
-    if isinstance(value, functools.partial):
-        return f"partial{described((value.func, value.args, value.keywords), within)}"
+
+    def each(values: Mapping[str, object]) -> str:
+        return ", ".join(f"{name}={described(part, within)}" for name, part in values.items())
+
     if isinstance(value, jax.Array) and jnp.issubdtype(value.dtype, jax.dtypes.prng_key):
         value = jax.random.key_data(value)
     if isinstance(value, jax.Array | np.ndarray | np.generic):
@@ -34,39 +37,35 @@ def described(value: object, within: tuple[object, ...] = ()) -> str:
         if not np.ndim(value):
             return repr(array.item())
         return f"{array.dtype}{list(array.shape)} {hashlib.sha256(array.tobytes()).hexdigest()[:16]}"
+    if isinstance(value, functools.partial):
+        return f"partial{described((value.func, value.args, value.keywords), within)}"
+    if isinstance(value, MethodType):
+        return f"{described(value.__func__, within)} of {described(vars(value.__self__), within)}"
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-        return f"{type(value).__qualname__}({_pairs(fields, within)})"
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        return f"{type(value).__qualname__}({_pairs(dict(zip(value._fields, value, strict=True)), within)})"
+        return f"{type(value).__qualname__}({each(fields)})"
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
+        return f"{type(value).__qualname__}({each(value._asdict())})"
     if isinstance(value, set | frozenset):
         return f"{{{', '.join(sorted(described(part, within) for part in value))}}}"
     if isinstance(value, tuple | list):
         return f"({', '.join(described(part, within) for part in value)})"
     if isinstance(value, dict):
-        return f"{{{_pairs(value, within)}}}"
-    if isinstance(value, MethodType):
-        return f"{described(value.__func__, within)} of {described(vars(value.__self__), within)}"
+        return f"{{{each(value)}}}"
     if callable(value) and hasattr(value, "__qualname__"):
         name, function = f"{value.__module__}.{value.__qualname__}", inspect.unwrap(value)
         if not isinstance(function, FunctionType) or any(function is other for other in within):
             return name
-        cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
+        try:
+            source = inspect.getsource(function)
+        except (OSError, TypeError):  # there is none, as in an interactive session
+            source = ""
         kept = (
-            {name: _kept(cell) for name, cell in cells.items()},
-            function.__defaults__,
-            function.__kwdefaults__,
-        )
+            [_kept(cell) for cell in function.__closure__ or ()], function.__defaults__, function.__kwdefaults__,
+        )  # fmt: skip
         text = described(kept, (*within, function))
-        return f"{name} {_digest(_code(function.__code__) + text)}{UNKNOWN if UNKNOWN in text else ''}"
+        return f"{name} {_digest(source + text)}{UNKNOWN if UNKNOWN in text else ''}"
     return re.sub(r" at 0x[0-9a-fA-F]+", UNKNOWN, repr(value))
-
-
-def _code(code: CodeType) -> str:
-    """The instructions of a function and their constants, without names of files and numbers of lines."""
-    inner = (_code(c) if isinstance(c, CodeType) else repr(sorted(c, key=repr) if isinstance(c, frozenset) else c)
-             for c in code.co_consts)  # fmt: skip
-    return f"{code.co_code.hex()} {code.co_names} ({', '.join(inner)})"
 
 
 def _kept(cell: CellType) -> object:
@@ -80,10 +79,6 @@ def _kept(cell: CellType) -> object:
 
 def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:32]
-
-
-def _pairs(values: dict[str, PyTree], within: tuple[object, ...]) -> str:
-    return ", ".join(f"{name}={described(value, within)}" for name, value in values.items())
 
 
 def fingerprint(**parts: object) -> dict[str, str]:

@@ -1,7 +1,6 @@
 """Cross-validation over subjects: the error of fitted parameters on people who were not in the fit."""
 
 import hashlib
-import warnings
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -19,17 +18,7 @@ from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
 from jgait.tune.descent import Settings
-from jgait.tune.fit import (
-    TRY,
-    Fit,
-    best_starts,
-    check_mesh,
-    check_settings,
-    lane,
-    result_of,
-    scattered,
-    warn_of_flat,
-)
+from jgait.tune.fit import Fit, best_starts, check_mesh, check_settings, lane, result_of, scattered
 from jgait.tune.lanes import Report, descend
 from jgait.tune.lessons import Lesson
 from jgait.tune.optimizers import supported
@@ -52,7 +41,7 @@ class CrossValidation[P](NamedTuple):
         params: the parameters of each fold, natural units; a free parameter has a leading axis (F,).
         losses: (F, starts) training loss of every fit; the start with the lowest one gives the fold's parameters.
         left_out: (F,) number of items in a fold's training part that were left out, see `tune.fit`.
-        fit: the fit to all items, beside those of the folds in one program; as `tune.fit` gives it.
+        fit: the fit to all items, beside those of the folds in one program; as `tune.fit` gives it, with its warnings.
     """
 
     table: "pd.DataFrame"
@@ -67,15 +56,11 @@ def _check_split(subjects: Sequence[Hashable], folds: Sequence[Hashable]) -> Non
     """Raise ValueError if items of one subject are in several folds, in which its error is too low, or all in one."""
     if len(subjects) != len(folds):
         raise ValueError(f"every item needs a subject and a fold; got {len(subjects)} subjects and {len(folds)} folds")
-    of: dict[Hashable, set[Hashable]] = {}
+    of: dict[Hashable, set[str]] = {}
     for subject, fold in zip(subjects, folds, strict=True):
-        of.setdefault(subject, set()).add(fold)
-    torn = {subject: sorted(map(str, their_folds)) for subject, their_folds in of.items() if len(their_folds) > 1}
-    if torn:
-        shown = "; ".join(
-            f"{subject} is in folds {', '.join(their_folds)}" for subject, their_folds in list(torn.items())[:5]
-        )
-        raise ValueError(f"the split leaks {len(torn)} of {len(of)} subjects: {shown}")
+        of.setdefault(subject, set()).add(str(fold))
+    if torn := [f"{subject} is in folds {', '.join(sorted(its))}" for subject, its in of.items() if len(its) > 1]:
+        raise ValueError(f"the split leaks {len(torn)} of {len(of)} subjects: {'; '.join(torn[:5])}")
     if len(set(folds)) < 2:
         raise ValueError("cross-validation needs at least two folds; got one")
 
@@ -150,6 +135,8 @@ def cross_validate[P](
     Raises:
         TypeError, ValueError: as `tune.fit`; or if a subject is in several folds, or a recording has two subjects.
     """
+    import pandas as pd
+
     data, n = check_data(data, True)
     check_settings(steps, chunk, starts, key, minibatch, n, optimizer)
     labels, number = numbered(subjects, n)
@@ -162,14 +149,14 @@ def cross_validate[P](
     check_priors(priors, transforms)
     check_mesh(mesh, minibatch, "the number of items", n)
     params = spread_out(params, transforms, len(labels))
-    given, items, free = Problem(loss, transforms, priors, mesh), Items(data, number), start(params, transforms)
-    problem, known, dtype = reduced(given, params, free, items)
+    given, every_item, free = Problem(loss, transforms, priors, mesh), Items(data, number), start(params, transforms)
+    problem, known, dtype = reduced(given, params, free, every_item)
     kinds = list(dict.fromkeys(fold_of))
     learned = np.asarray([*([of != fold for of in fold_of] for fold in kinds), [True] * n])
     settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None, optimizer is None)
     optimizer = supported(optimizer)
     mark = {} if checkpoint_file is None else checkpoint.fingerprint(
-        data=items, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
+        data=every_item, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
         starts=(starts, spread), loss=loss, optimizer=optimizer,
     )  # fmt: skip
     around = scattered(key, free, starts, spread)
@@ -179,46 +166,34 @@ def cross_validate[P](
         dtype, chunk=chunk, report=progress, file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
     )  # fmt: skip
     every = slice(len(kinds) * starts, None)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what is told of the folds below
-        fit = result_of(problem, params, lane(carry, every), lane(trace, every), around, labels, np.arange(n))
+    fit = result_of(problem, params, lane(carry, every), lane(trace, every), around, labels, np.arange(n))
     carry, learned = lane(carry, slice(every.start)), learned[:-1]
     chosen = best_starts(carry, starts)
     if (chosen < 0).any():
         raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
     best, losses = lane(carry.best, chosen), carry.best_score.reshape(-1, starts)
     left_out = learned.sum(axis=1) - np.count_nonzero(carry.weights[chosen], axis=1)
-    if left_out.any():
-        warnings.warn(
-            f"up to {left_out.max()} of {n} items were left out of a fold: their loss or gradient is not finite at the "
-            "start",
-            stacklevel=2,
-        )
-    reach = jax.tree.map(lambda leaf: leaf.max(axis=0), carry.reach)
-    flat_ones = warn_of_flat(transforms, free, best, reach, 3)
-    stayed = np.count_nonzero(carry.best_step[chosen] == 0)
-    if stayed and len(flat_ones) < len(jax.tree.leaves(best)):
-        warnings.warn(
-            f"no step lowered the loss of {stayed} of {len(kinds)} folds, whose parameters are the start values. {TRY}",
-            stacklevel=2,
-        )
     if error is not None:
         again = problem.loss is not loss
         given = given._replace(loss=error)
-        problem, known = reduced(given, params, free, items)[:2] if again else (given, items)
+        problem, known = reduced(given, params, free, every_item)[:2] if again else (given, every_item)
     judged = _judged(problem, params, free, best, known, np.asarray([kinds.index(fold) for fold in fold_of]))
-    natural = constrain(best, transforms, params)
-    return CrossValidation(*_tables(named, fold_of, *judged), natural, losses, left_out, fit)
+    items = pd.DataFrame({"item": range(n), "subject": named, "fold": fold_of, **judged})
+    grouped = items.groupby("subject", sort=False)
+    table = grouped.agg(fold=("fold", "first"), n=("item", "size"), **{name: (name, "mean") for name in judged})
+    table = table.assign(change=table["error_after"] - table["error_before"])
+    return CrossValidation(table, items, constrain(best, transforms, params), losses, left_out, fit)
 
 
 def _judged(
     problem: Problem, params: PyTree, free: PyTree, best: PyTree, items: Items, fold: np.ndarray
-) -> tuple[PyTree, PyTree]:
+) -> dict[str, np.ndarray]:
     """(n,) error of every item with the starting values, and with the fit that held the item out."""
     program = _errors(problem)
     before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], fold.size, axis=0), free)
     after = jax.tree.map(lambda leaf: leaf[fold], best)
-    return np.asarray(program(before, params, items)), np.asarray(program(after, params, items))
+    each = {"error_before": before, "error_after": after}
+    return {name: np.asarray(program(free, params, items)) for name, free in each.items()}
 
 
 @kept
@@ -230,20 +205,3 @@ def _errors(problem: Problem) -> Callable[..., PyTree]:
         return problem.loss(constrain(free_of_subject, problem.transforms, known), item.data)
 
     return compiled(jax.vmap(of_item, in_axes=(0, None, 0)))
-
-
-def _tables(
-    subjects: list[Hashable], fold_of: list[Hashable], before: np.ndarray, after: np.ndarray
-) -> tuple["pd.DataFrame", "pd.DataFrame"]:
-    import pandas as pd
-
-    items = pd.DataFrame(
-        {"item": range(len(subjects)), "subject": subjects, "fold": fold_of, "error_before": before,
-         "error_after": after}
-    )  # fmt: skip
-    by = items.groupby("subject", sort=False)
-    table = by.agg(
-        fold=("fold", "first"), n=("item", "size"), error_before=("error_before", "mean"),
-        error_after=("error_after", "mean"),
-    )  # fmt: skip
-    return table.assign(change=table["error_after"] - table["error_before"]), items

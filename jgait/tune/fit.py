@@ -309,17 +309,13 @@ def warn_of_flat(
     return (*nothing, *stuck)
 
 
-TRY = "They are an optimum already, or the learning rate is too large"
-"""What to make of a fit of which no step lowered the loss."""
-
-
 def _not_lowered(best: float, losses: np.ndarray, accepted: np.ndarray) -> str:
     """Why the start is the result, in words."""
     undone = np.count_nonzero(~accepted)
     steps = f"; {undone} of {accepted.size} steps led to a loss or a gradient that is not finite" if undone else ""
     return (
         f"no step lowered the loss: the start values are the result, with a loss of {best:.3g}; the loss before the "
-        f"last step is {losses[-1]:.3g}{steps}. {TRY}"
+        f"last step is {losses[-1]:.3g}{steps}. They are an optimum already, or the learning rate is too large"
     )
 
 

@@ -1,8 +1,8 @@
 """Walks prepared for `tune.fit`: inputs and reference at the same times, padded to the same length and stacked."""
 
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Hashable, Iterable, Iterator
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -16,8 +16,6 @@ from jgait.types import (
     Estimate,
     Feet,
     FootTrajectory,
-    Legs,
-    LegTrajectory,
     RecordingError,
     Strides,
     Walk,
@@ -124,40 +122,22 @@ class _Item(NamedTuple):
 def resampled(estimate: Estimate, time: npt.ArrayLike) -> Estimate:
     """An estimate at other times (T,) [s], linear between its samples; valid between valid samples.
 
-    Of the diagnostics only scalars are kept; strides do not change.
+    Of the feet only positions are kept, of the diagnostics only scalars; strides do not change.
     """
     theirs, ours = as_float(estimate.time), as_float(time)
     # Times that differ by rounding only, at either end, count as equal.
     inside = np.clip(ours, theirs[0], theirs[-1])
     at = np.where(np.abs(ours - inside) < 1e-6, inside, ours)
+
+    def here(values: AnyArray) -> np.ndarray:
+        columns = as_float(values).reshape(theirs.size, -1).T
+        return np.stack([np.interp(at, theirs, c) for c in columns], 1).reshape(at.size, *np.shape(values)[1:])
+
+    places = [None if foot is None else FootTrajectory(foot.position, None, None) for foot in estimate.feet or ()]
+    legs, way, feet = jax.tree.map(here, (estimate.legs, estimate.distance, Feet(*places) if places else None))
     valid = np.interp(at, theirs, as_float(estimate.valid), left=0.0, right=0.0) > 1.0 - 1e-6
-
-    def here(values: npt.ArrayLike) -> np.ndarray:
-        return np.interp(at, theirs, as_float(values))
-
-    legs = Legs(*(None if leg is None else LegTrajectory(*(here(field) for field in leg)) for leg in estimate.legs))
     numbers = {name: as_float(v) for name, v in estimate.diagnostics.items() if _is_number(v)}
-    way = None if estimate.distance is None else here(estimate.distance)
-    feet = None if estimate.feet is None else Feet(*(_foot(foot, here) for foot in estimate.feet))
     return Estimate(ours, legs, None, way, valid, numbers, estimate.strides, feet)
-
-
-def _foot(foot: FootTrajectory | None, here: Callable[[npt.ArrayLike], np.ndarray]) -> FootTrajectory | None:
-    """A foot's trajectory at other times; a quaternion's sign is that nearest to the quaternion one sample before."""
-    if foot is None:
-        return None
-
-    def columns(values: AnyArray) -> np.ndarray:
-        return np.stack([here(column) for column in as_float(values).T], axis=1)
-
-    attitude = foot.orientation
-    if attitude is not None:
-        q = as_float(attitude)
-        kept = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
-        attitude = columns(q * np.concatenate([[1.0], np.cumprod(kept)])[:, None])
-        attitude = attitude / np.maximum(np.linalg.norm(attitude, axis=1, keepdims=True), 1e-12)
-    velocity = None if foot.velocity is None else columns(foot.velocity)
-    return FootTrajectory(columns(foot.position), velocity, attitude)
 
 
 def _is_number(value: npt.ArrayLike) -> bool:
@@ -186,7 +166,7 @@ def _item(
     look = _mask(where.look, samples, True)
     judged = np.flatnonzero(look if truth is None else look & truth.valid)
     if not judged.size:
-        raise RecordingError("the reference says nothing where the walk is looked at")
+        raise RecordingError("the reference has no valid sample in the window that is compared")
     body = {} if body_measures is None else {name: as_float(value) for name, value in body_measures(walk).items()}
     standing = _mask(where.standing, samples, False)
     first, last = np.asarray(judged[0]), np.asarray(judged[-1])
@@ -194,38 +174,24 @@ def _item(
     return _Item(walk.recording.name, walk.recording.subject, str(walk.info.get("day") or ""), made.options, lesson)
 
 
-def _without_counts(lesson: Lesson) -> Lesson:
-    """The lesson without its stride tables and diagnostics, which may differ between lessons of one stack."""
-    if lesson.reference is None:
-        return lesson
-    return lesson._replace(reference=lesson.reference._replace(diagnostics={}, strides=None))
+def _form(item: _Item) -> dict[str, Hashable]:
+    """What is equal for lessons that can be stacked: the options, and of each array the axes, of a body's the shape."""
+    truth = item.lesson.reference
+    bare = None if truth is None else truth._replace(diagnostics={}, strides=None)  # may differ
+    leaves, _ = jax.tree_util.tree_flatten_with_path(item.lesson._replace(reference=bare, body={}))
+    fields = item.options._asdict() if hasattr(item.options, "_asdict") else {"options": item.options}
+    axes = {jax.tree_util.keystr(path[:3]).lstrip("."): np.ndim(leaf) for path, leaf in leaves}
+    return fields | axes | {f"body.{name}": np.shape(value) for name, value in item.lesson.body.items()}
 
 
-def _kind(item: _Item) -> Hashable:
-    """A key that is equal for lessons that can be stacked."""
-    leaves, structure = jax.tree.flatten(_without_counts(item.lesson))
-    body = tuple(np.shape(leaf) for leaf in jax.tree.leaves(item.lesson.body))
-    return item.options, structure, tuple(np.ndim(leaf) for leaf in leaves), body
-
-
-def _odd(item: _Item, usual: _Item) -> str:
-    options, others = item.options, usual.options
-    if options != others:
-        fields = getattr(options, "_fields", ()) if type(options) is type(others) else ()
-        both = {name: (getattr(options, name), getattr(others, name)) for name in fields}
-        differ = [f"{name} is {a} here, {b} there" for name, (a, b) in both.items() if a != b]
-        text = "; ".join(differ) or f"{options} here, {others} there"
-        return f"it would need another program than most of the walks ({text})"
-
-    def parts(other: _Item) -> set[str]:
-        paths, _ = jax.tree_util.tree_flatten_with_path(_without_counts(other.lesson))
-        return {jax.tree_util.keystr(path[:3]).lstrip(".") for path, _ in paths}
-
-    lacks, more = sorted(parts(usual) - parts(item)), sorted(parts(item) - parts(usual))
-    text = "; ".join(
-        f"{verb} {', '.join(names)}" for verb, names in (("it lacks", lacks), ("it alone has", more)) if names
-    )
-    return f"it cannot be stacked with most of the walks ({text or 'shapes differ'})"
+def _difference(form: dict[str, Hashable], usual: dict[str, Hashable]) -> str:
+    """Why a lesson cannot be stacked with the usual ones, in words."""
+    each = [
+        f"it lacks {name}" if name not in form else f"it alone has {name}" if name not in usual
+        else f"{name} is {form[name]} here, {usual[name]} there"
+        for name in sorted(form.keys() | usual.keys()) if form.get(name) != usual.get(name)
+    ]  # fmt: skip
+    return f"it cannot be stacked with most of the walks ({'; '.join(each)})"
 
 
 def lengthened(lesson: Lesson, samples: int) -> Lesson:
@@ -243,31 +209,23 @@ def lengthened(lesson: Lesson, samples: int) -> Lesson:
     return lesson._replace(inputs=inputs, reference=truth, look=look, standing=standing)
 
 
-def _alike(lesson: Lesson, samples: int, strides: tuple[int, frozenset[str]] | None, known: set[str]) -> Lesson:
-    """A lesson of so many samples and stride rows, with only the diagnostics and fields of all lessons."""
-    if lesson.reference is not None:
-        rows = None if strides is None else _strides(lesson.reference.strides, *strides)
-        numbers = {name: lesson.reference.diagnostics[name] for name in sorted(known)}
-        lesson = lesson._replace(reference=lesson.reference._replace(strides=rows, diagnostics=numbers))
-    return lengthened(lesson, samples)
-
-
-def _rows(tables: list[Strides]) -> tuple[int, frozenset[str]] | None:
-    """The rows of the longest table, and the fields that all tables have; None without tables."""
-    if not tables:
-        return None
-    fields = (frozenset(name for name, column in table._asdict().items() if column is not None) for table in tables)
-    return max(np.size(table.valid) for table in tables), frozenset.intersection(*fields)
-
-
-def _strides(strides: Strides | None, rows: int, fields: frozenset[str]) -> Strides:
-    """Strides with padding rows at the end, without fields that another reference lacks."""
-    columns = {} if strides is None else strides._asdict()
-    kinds = {"side": np.zeros(0, int), "valid": np.zeros(0, bool)}
-    held = {name: np.asarray(columns.get(name, kinds.get(name, np.zeros(0)))) for name in fields}
-    padded: dict[str, Any] = dict.fromkeys(Strides._fields)
-    padded |= {name: np.pad(column, (0, rows - column.size)) for name, column in held.items()}
-    return Strides(**padded)
+def _alike(lessons: list[Lesson], samples: int) -> Iterator[Lesson]:
+    """The lessons with so many samples, their references with the diagnostics and stride columns that all have, and as
+    many rows of strides; without strides if one has none.
+    """
+    truths = [lesson.reference for lesson in lessons if lesson.reference is not None]
+    tables = [{k: np.asarray(v) for k, v in t.strides._asdict().items() if v is not None} if t.strides else {}
+              for t in truths]  # fmt: skip
+    rows = max((table["valid"].size for table in tables if table), default=0)
+    numbers, columns = (set.intersection(*map(set, each)) if each else set()
+                        for each in ([truth.diagnostics for truth in truths], tables))  # fmt: skip
+    for number, lesson in enumerate(lessons):
+        if (truth := lesson.reference) is not None:
+            padded = {k: np.pad(tables[number][k], (0, rows - tables[number][k].size)) for k in columns}
+            strides = Strides(**(dict.fromkeys(Strides._fields) | padded)) if columns else None
+            known = {name: truth.diagnostics[name] for name in sorted(numbers)}
+            lesson = lesson._replace(reference=truth._replace(strides=strides, diagnostics=known))
+        yield lengthened(lesson, samples)
 
 
 def lessons(
@@ -294,8 +252,7 @@ def lessons(
         samples: length to which all walks are padded; None for the longest walk's length.
 
     Returns:
-        The lessons, stacked; the references' strides padded to the longest table, with the fields that all tables have,
-        and the scalar diagnostics that all references have.
+        The lessons, stacked; the references with the scalar diagnostics and the columns of strides that all have.
 
     Raises:
         ValueError: if no walk can be used; the message gives the reason.
@@ -318,17 +275,15 @@ def lessons(
     if not items:
         reasons = "; ".join(f"{names}: {reason}" for reason, names in [*by_reason(failures).items()][:5])
         raise ValueError(f"no walk to learn from: {reasons or 'there are none'}")
-    kinds = [_kind(item) for item in items]
+    forms = [_form(item) for item in items]
+    kinds = [tuple(sorted(form.items(), key=lambda part: part[0])) for form in forms]
     usual = kinds.index(Counter(kinds).most_common(1)[0][0])
     kept = [item for item, kind in zip(items, kinds, strict=True) if kind == kinds[usual]]
     failures += [
-        (item.name, _odd(item, items[usual])) for item, kind in zip(items, kinds, strict=True) if kind != kinds[usual]
-    ]
-    longest = samples or max(item.lesson.look.size for item in kept)
-    truths = [item.lesson.reference for item in kept if item.lesson.reference is not None]
-    rows = _rows([truth.strides for truth in truths if truth.strides is not None])
-    known = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
-    padded = [_alike(item.lesson, longest, rows, known) for item in kept]
+        (item.name, _difference(form, forms[usual]))
+        for item, form in zip(items, forms, strict=True) if form != forms[usual]
+    ]  # fmt: skip
+    padded = list(_alike([item.lesson for item in kept], samples or max(item.lesson.look.size for item in kept)))
     data = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
     subjects, days = (tuple(people(getattr(item, field) for item in kept)) for field in ("subject", "day"))
     return Lessons(data, kept[0].options, subjects, days, tuple(item.name for item in kept), tuple(failures))

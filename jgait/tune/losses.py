@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jgait.estimators.stride_flags import as_far
+from jgait.geometry.matching import aligned_error, matched, span
 from jgait.types import AnyArray, Estimate, LegTrajectory, Scalar, Strides, Values
 
 _DEGREE = jnp.pi / 180.0
@@ -119,37 +120,14 @@ def trajectory(
     return jax.tree.reduce(jnp.add, terms) / len(pairs)
 
 
-def _span(strides: Strides, standing: bool) -> tuple[Array, Array]:
-    """Start and end (n,) [s] of each stride: from standing to standing, or from contact to contact."""
-    ends = (strides.standing, strides.standing_end) if standing else (strides.start, strides.end)
-    return jnp.asarray(ends[0]), jnp.asarray(ends[1])
-
-
-def _matched(ours: Strides, theirs: Strides) -> tuple[Array, Array]:
-    """For each of n strides of `theirs` the row of the matching stride of `ours`, and (n,) bool, whether there is one.
-
-    Two strides match if they are of one foot, each is the other's nearest in time, and their middles differ by less
-    than half the duration of the reference's stride: the rule of `evaluate.scores.matched`. No gradient.
-    """
-    standing = theirs.start is None or (ours.standing is not None and theirs.standing is not None)
-    (first, last), (start, end) = (jax.lax.stop_gradient(_span(strides, standing)) for strides in (ours, theirs))
-    apart = jnp.abs(0.5 * (start + end)[:, None] - 0.5 * (first + last)[None, :])
-    side = jnp.asarray(theirs.side)[:, None] == jnp.asarray(ours.side)[None, :]
-    known = jnp.asarray(theirs.valid)[:, None] & jnp.asarray(ours.valid)[None, :]
-    apart = jnp.where(side & known, apart, jnp.inf)
-    nearest, back = jnp.argmin(apart, axis=1), jnp.argmin(apart, axis=0)
-    rows = jnp.arange(start.shape[0])
-    return nearest, (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (end - start))
-
-
-def _finite(values: Values, also: Array) -> Array:
+def _finite(values: Values, also: AnyArray) -> Array:
     """(n,) True where `also` is True and the values are finite."""
     return also & jnp.isfinite(jnp.asarray(values))
 
 
 def _duration(strides: Strides, standing: bool) -> Array:
-    first, last = _span(strides, standing)
-    return last - first
+    first, last = span(strides, standing)
+    return jnp.asarray(last) - jnp.asarray(first)
 
 
 def stride(estimate: Estimate, reference: Estimate, field: str, empty: float = 0.0) -> Float[Array, ""]:
@@ -174,7 +152,7 @@ def stride(estimate: Estimate, reference: Estimate, field: str, empty: float = 0
         return mean_squared(after - before, theirs.length, jax.lax.stop_gradient(far), empty)
     if ours is None:
         raise ValueError(f"the estimate has no strides, so no {field} of strides to compare")
-    row, matched = _matched(ours, theirs)
+    row, found = matched(ours, theirs)
     if field == "duration":
         standing = theirs.start is None
         values, true = _duration(ours, standing), _duration(theirs, standing)
@@ -184,7 +162,7 @@ def stride(estimate: Estimate, reference: Estimate, field: str, empty: float = 0
                 raise ValueError(f"the strides of the {name} have no {field}")
         values, true = jnp.asarray(getattr(ours, field)), jnp.asarray(getattr(theirs, field))
     values = values[row]
-    return mean_squared(values, true, _finite(true, _finite(values, matched)), empty)
+    return mean_squared(values, true, _finite(true, _finite(values, found)), empty)
 
 
 def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -> Float[Array, ""]:
@@ -198,37 +176,13 @@ def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -
     for name, strides in (("estimate", ours), ("reference", theirs)):
         if strides is None or strides.end is None:
             raise ValueError(f"the {name} has no contacts to compare")
-    row, matched = _matched(ours, theirs)
+    row, found = matched(ours, theirs)
     fields = [f for f in ("end", "final_contact") if getattr(ours, f) is not None and getattr(theirs, f) is not None]
     terms = []
     for field in fields:
         values, true = jnp.asarray(getattr(ours, field))[row], jnp.asarray(getattr(theirs, field))
-        terms.append(mean_squared(values, true, _finite(true, _finite(values, matched)), empty))
+        terms.append(mean_squared(values, true, _finite(true, _finite(values, found)), empty))
     return jax.tree.reduce(jnp.add, terms) / len(terms)
-
-
-def aligned_error(
-    path: Float[AnyArray, "time 3"], reference: Float[AnyArray, "time 3"], valid: Bool[AnyArray, "time"]
-) -> Float[Array, "time 3"]:
-    """Path minus reference [m], after the yaw and the shift of the path that give the smallest mean square.
-
-    With both paths relative to their means, the yaw is atan2(Σ a × b, Σ a · b) of their horizontal parts. No rotation
-    about a horizontal axis is removed: it would change heights. Rows that are not valid are 0.
-    """
-    weight = jnp.asarray(valid)[:, None]
-    count = jnp.maximum(jnp.sum(weight, dtype=jnp.asarray(path).dtype), 1.0)
-
-    def centred(values: Float[AnyArray, "time 3"]) -> Array:
-        known = jnp.where(weight, values, 0.0)
-        return jnp.where(weight, known - jnp.sum(known, axis=0, keepdims=True) / count, 0.0)
-
-    a, b = centred(path), centred(reference)
-    along, across = jnp.sum(a[:, :2] * b[:, :2]), jnp.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    # The root's argument is above 0, so that paths without extent have a finite gradient.
-    size = jnp.sqrt(along * along + across * across + jnp.finfo(a.dtype).tiny ** 0.5)
-    c, s = along / size, across / size
-    turned = jnp.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1], a[:, 2]], axis=1)
-    return turned - b
 
 
 def position(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:
@@ -262,9 +216,9 @@ def calibration(
     """
     terms = []
     if reference.strides is not None and estimate.strides_stddev is not None and estimate.strides is not None:
-        row, matched = _matched(estimate.strides, reference.strides)
+        row, found = matched(estimate.strides, reference.strides)
         values, spread = (jnp.asarray(strides.length)[row] for strides in (estimate.strides, estimate.strides_stddev))
-        terms.append(_normal(values, reference.strides.length, spread, matched, _CENTIMETRE))
+        terms.append(_normal(values, reference.strides.length, spread, found, _CENTIMETRE))
     if estimate.stddev is not None:
         look = _window(estimate, reference, window)
         still = None if relative_to is None else _window(estimate, reference, relative_to)
@@ -280,7 +234,7 @@ def calibration(
     return jax.tree.reduce(jnp.add, terms) / len(terms)
 
 
-def _normal(values: Values, true: Values, stddev: Values, valid: Array, unit: float) -> Float[Array, ""]:
+def _normal(values: Values, true: Values, stddev: Values, valid: AnyArray, unit: float) -> Float[Array, ""]:
     """Mean of ½ (e/σ)² + log σ with σ in `unit`, over the valid rows with finite numbers."""
     use = _finite(true, _finite(values, _finite(stddev, valid))) & (jnp.asarray(stddev) > 0.0)
     error = _difference(values, true, use)

@@ -134,8 +134,10 @@ def _squared(term: Term, unit: str, words: str, *needs: str) -> Loss:
 
 LOSSES: dict[str, Loss] = {
     "distance": Loss(distance, distance_percent, "%", "|error of the distance|", ("distance",)),
-    # 1° counts as 1 cm; the loss is the sum of two angles and two axes, the error the root of their mean
-    "trajectory": Loss(_of_legs(), _root(_of_legs(4)), "° or cm", "RMS error of angles and foot path", ("legs",)),
+    # the loss is the sum of two angles and two axes, the error the root of their mean
+    "trajectory": Loss(
+        _of_legs(), _root(_of_legs(4)), "° and cm", "RMS error of angles and foot path, 1° counted as 1 cm", ("legs",)
+    ),
     "joint_angles": _squared(_of_legs(2, x=0.0, y=0.0), "°", "RMS error of hip and knee angles", "legs"),
     "foot_path": _squared(
         _of_legs(hip_angle=0.0, knee_angle=0.0), "cm", "RMS error of the foot's path in the leg's plane", "legs"

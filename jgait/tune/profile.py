@@ -58,53 +58,54 @@ class Profile(NamedTuple):
         """The minimum's free coordinate and loss, from the parabola through the three lowest neighbouring values."""
         free, losses = self.free, self.losses
         k = int(np.argmin(losses))
-        if 0 < k < len(free) - 1 and np.isfinite(losses[k - 1 : k + 2]).all():
-            x, y = free[k - 1 : k + 2] - free[k], losses[k - 1 : k + 2] - losses[k]
-            slopes = y[[0, 2]] / x[[0, 2]]  # of the parabola y = b x + c x²: slope + c · x at either side
-            bend = (slopes[1] - slopes[0]) / (x[2] - x[0])
+        near = slice(max(k - 1, 0), k + 2)
+        if len(free[near]) == 3 and np.isfinite(losses[near]).all():
+            bend, slope, level = np.polyfit(free[near] - free[k], losses[near] - losses[k], 2)
             if bend > 0.0:
-                slope = slopes[0] - bend * x[0]
-                return float(free[k] - slope / (2.0 * bend)), float(losses[k] - slope**2 / (4.0 * bend))
+                return float(free[k] - slope / (2.0 * bend)), float(losses[k] + level - slope**2 / (4.0 * bend))
         return float(free[k]), float(losses[k])
+
+    def _roots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Free coordinates of the finite values and of the minimum, ascending, and √(ℓ − min ℓ), negative before it."""
+        centre, lowest = self._minimum()
+        finite = np.isfinite(self.losses)
+        free = np.append(self.free[finite], centre)
+        roots = np.sign(free - centre) * np.sqrt(np.maximum(np.append(self.losses[finite], lowest) - lowest, 0.0))
+        order = np.argsort(free, kind="stable")
+        return free[order], roots[order]
 
     def curve(self, points: int = 200) -> tuple[np.ndarray, np.ndarray]:
         """The profile between its finite values, as `interval` uses it: values (points,) and rises (points,) [nat]."""
-        centre, lowest = self._minimum()
-        finite = np.isfinite(self.losses)
-        free = self.free[finite]
-        signed = np.sign(free - centre) * np.sqrt(np.maximum(self.losses[finite] - lowest, 0.0))
-        nodes = np.append(free, centre)
-        order = np.argsort(nodes, kind="stable")
+        free, roots = self._roots()
         dense = np.linspace(free[0], free[-1], points)
-        rises = np.interp(dense, nodes[order], np.append(signed, 0.0)[order]) ** 2
-        return _natural(self.transform, dense), rises
+        return _natural(self.transform, dense), np.interp(dense, free, roots) ** 2
 
     def interval(self, level: float = 0.95) -> tuple[float | None, float | None]:
         """The interval of values that a likelihood-ratio test at `level` does not reject, in natural units.
 
         2 (ℓ(x) − min ℓ) ≤ χ²₁(level); between values, √(ℓ − min ℓ) is interpolated linearly in free coordinates, which
-        is exact for a parabola. An end is None where the profile does not rise enough within its values.
+        is exact for a parabola. An end is None where the profile does not rise enough within its values, and the last
+        value with a finite loss before those without one.
 
         Raises:
             ValueError: if `level` is not in (0, 1).
         """
         if not 0.0 < level < 1.0:
             raise ValueError(f"level must lie in (0, 1); got {level}")
-        height = NormalDist().inv_cdf(0.5 + level / 2.0)
-        centre, lowest = self._minimum()
-        roots = np.sqrt(2.0 * np.maximum(self.losses - lowest, 0.0))
+        height = NormalDist().inv_cdf(0.5 + level / 2.0) / math.sqrt(2.0)
+        free, roots = self._roots()
 
-        def end(side: np.ndarray) -> float | None:
-            before, under = centre, 0.0
-            for k in side:
-                if roots[k] >= height:
-                    share = (height - under) / (roots[k] - under) if math.isfinite(roots[k]) else 0.0
-                    return float(_natural(self.transform, before + share * (self.free[k] - before)))
-                before, under = self.free[k], roots[k]
-            return None
+        def end(side: int, outermost: float) -> float | None:
+            beyond, rises = side * free, np.maximum.accumulate((side * roots)[::side])  # where it falls again, held
+            if rises[-1] >= height:
+                at = side * float(np.interp(height, rises, beyond[::side]))
+            elif side * outermost > beyond.max():
+                at = side * float(beyond.max())
+            else:
+                return None
+            return float(_natural(self.transform, at))
 
-        order = np.arange(len(self.values))
-        return end(order[self.free < centre][::-1]), end(order[self.free > centre])
+        return end(-1, self.free[0]), end(1, self.free[-1])
 
 
 def _free(transform: Transform, values: npt.ArrayLike) -> np.ndarray:

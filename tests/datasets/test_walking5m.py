@@ -123,8 +123,7 @@ def test_clocks_that_repeat_run_backwards_or_start_late(folder):
     table["Time_4"] = [time + 30.0 for time in table["Time_4"]]
     recording = load(folder, table).recording
     assert {len(imu.time) for imu in recording.sensors.values()} == {SAMPLES - 3}, "the part that all have"
-    assert "shank_right: repeated times dropped: 2" in texts(recording.notes)
-    assert "thigh_right: times that run backwards dropped: 1" in texts(recording.notes)
+    assert any(text.startswith(f"shank_right: 2 of {SAMPLES} rows are not read") for text in texts(recording.notes))
     assert recording.sensors["thigh_right"].mask.all()
     # Sensor 4 is 30 ms late: what it reads at its sample k, the others read at k + 3.
     expected = np.deg2rad(200 * np.sin(np.arange(301, SAMPLES - 3) / 20))
@@ -137,7 +136,7 @@ def test_a_sensor_at_half_the_rate_is_interpolated(folder):
         if name.endswith("_6"):
             table[name] = [table[name][k - k % 2] for k in range(SAMPLES)]
     recording = load(folder, table).recording
-    assert "foot_left: a new value only every 20 ms; interpolated between" in texts(recording.notes)
+    assert any(text.startswith(f"foot_left: {SAMPLES // 2} of {SAMPLES} rows") for text in texts(recording.notes))
     expected = np.deg2rad(200 * np.sin(np.arange(310, SAMPLES - 2) / 20))
     np.testing.assert_allclose(recording.sensors["foot_left"].gyr[310:, 2][: len(expected)], expected, atol=0.005)
 

@@ -352,27 +352,24 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     assert not (tmp_path / "a" / ".0-part-0-000009").exists()
 
 
-def test_strides_of_a_reference_that_are_half_as_long_are_named():
+def test_strides_of_a_reference_in_another_unit_or_that_are_steps_are_named():
     time = np.arange(0.0, 12.0, 0.01)
     bare = Estimate(time, Legs(None, None), None, None, time >= 0.0, {})
     strides = foot_strides(8)
-
-    def codes(ours, theirs, estimate=bare):
-        walked = Walk(walk(1).recording, bare._replace(strides=strides._replace(length=theirs)), {})
-        estimate = estimate._replace(strides=None if ours is None else strides._replace(length=ours))
-        return [note.code for note in scores.score(estimate, walked).notes]
-
     true = np.asarray(strides.length)
-    assert codes(1.05 * true, 0.5 * true) == codes(0.9 * true, 0.5 * true) == ["reference_strides_half"]
-    assert codes(true, true) == codes(1.6 * true, true) == []
-    scattered = true * np.array([1.3, 1.5, 2.0, 2.0, 2.1, 2.8, 2.9, 1.0])  # a bad estimate
-    assert codes(0.5 * scattered, 0.5 * true) == []
-    assert codes(2.4 * true, 1.2 * true) == []  # no halves: steps of usual length
+
+    def found(ours, theirs, estimate=bare, way=None):
+        walked = Walk(walk(1).recording, bare._replace(strides=strides._replace(length=theirs), distance=way), {})
+        estimate = estimate._replace(strides=None if ours is None else strides._replace(length=ours))
+        made = scores.score(estimate, walked)
+        return [note.code for note in made.notes], [quantity for quantity, _ in made.contradicts]
+
+    off = ["reference_strides_off"]
+    assert found(1.05 * true, 0.5 * true) == (off, []) and found(true, 2.6 * true) == (off, ["stride_length_m"])
+    assert found(true, true) == found(1.6 * true, true) == ([], [])
     way = bare._replace(distance=time)
-    assert codes(None, np.full(8, 0.5), way) == ["reference_strides_half"] and codes(None, np.ones(8), way) == []
-    known = bare._replace(strides=strides._replace(length=np.full(8, 0.5)), distance=time)
-    (note,) = scores.score(way, Walk(walk(1).recording, known, {})).notes  # no stride is as long as the distance
-    assert str(note) == "the reference's strides are 0.50 m long, the estimated 1.00 m, twice as long (medians)"
+    assert found(None, np.full(8, 0.5), way) == (off, []) and found(None, np.ones(8), way) == ([], [])
+    assert found(None, np.full(8, 0.5), way, time) == (off, [])  # no stride is as long as the distance
 
 
 def test_the_agreement_has_regular_strides_beside_all(twenty):
@@ -383,8 +380,9 @@ def test_the_agreement_has_regular_strides_beside_all(twenty):
     assert list(both["n"]) == [rows["estimate"].count(), kept["estimate"].count()] and both["n"].is_monotonic_decreasing
     assert list(both["bias"]) == pytest.approx([rows["error"].mean(), kept["error"].mean()])
     assert list(found.index).index("regular_stride_length_m") == list(found.index).index("stride_length_m") + 1
-    none = twenty._replace(strides=rows.assign(regular=False)).agreement(resamples=20)
-    assert "regular_stride_length_m" not in none.index and none.loc["stride_length_m", "n"] == len(rows)
+    for regular in (False, True):  # the rows would be empty, or say the same
+        one = twenty._replace(strides=rows.assign(regular=regular)).agreement(resamples=20)
+        assert "regular_stride_length_m" not in one.index and one.loc["stride_length_m", "n"] == len(rows)
     assert list(twenty._replace(strides=rows.head(0)).agreement(resamples=20).index) == [
         "distance_m", "hip_rmse_deg_right", "knee_rmse_deg_right", "x_rmse_cm_right", "y_rmse_cm_right"
     ]  # fmt: skip

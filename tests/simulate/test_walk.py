@@ -324,11 +324,15 @@ def test_people_climb_stairs_with_a_leg_that_gets_straight(base):
             ValueError,
             r"too short for strides of 2\.600 m.*at most 0\.75.*shorten stride_length",
         ),
-        ({"stance_fraction": 1.2}, ValueError, r"Gait\.stance_fraction must lie in \[0\.25, 0\.8\]; got 1\.2"),
+        (
+            {"stance_fraction": 1.2},
+            ValueError,
+            r"Gait\.stance_fraction must be finite and in \[0\.25, 0\.8\]; got 1\.2",
+        ),
         ({"steps": 2.5}, ValueError, r"Gait\.steps must be a whole number; got 2\.5"),
-        ({"stride_time": float("nan")}, ValueError, r"Gait\.stride_time must lie in .*; got nan"),
+        ({"stride_time": float("nan")}, ValueError, r"Gait\.stride_time must be finite and in .*; got nan"),
         ({"heel_off": 0.1, "foot_flat": 0.15}, ValueError, r"Gait\.foot_flat < heel_off < stance_fraction"),
-        ({"stride_length": "long"}, TypeError, r"Gait\.stride_length must be one number; got 'long'"),
+        ({"stride_length": "long"}, TypeError, r"Gait\.stride_length must be a number; got 'long'"),
         ({"stride_length": np.ones(2)}, TypeError, r"Gait\.stride_length must be one number"),
     ],
 )
@@ -339,7 +343,7 @@ def test_impossible_gaits_are_refused_by_the_limit_they_break(change, error, mes
 
 def test_impossible_bodies_sensors_and_rates_are_refused(unchecked):
     short = Person(body=Person().body._replace(thigh_length=-0.4))
-    with pytest.raises(ValueError, match=r"Body\.thigh_length must lie in \[0\.1, 0\.8\]; got -0\.4"):
+    with pytest.raises(ValueError, match=r"Body\.thigh_length must be finite and in \[0\.1, 0\.8\]; got -0\.4"):
         simulate.recording(jax.random.key(0), short)
     with pytest.raises(ValueError, match="rate must be a positive number"):
         simulate.recording(jax.random.key(0), rate=0.0)

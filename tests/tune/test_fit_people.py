@@ -259,8 +259,7 @@ def test_a_function_that_was_edited_is_another(tmp_path, monkeypatch):
         function.__module__ = "edited"
         texts.append(described(function))
     assert texts[0] != texts[1] and all(text.startswith("edited.loss ") for text in texts)
-    # also without a source, and by the values that it keeps, as an optimiser its rates
-    assert described(eval("lambda x: x")) != described(eval("lambda x: x + x"))
+    # and by the values that it keeps, as an optimiser its rates
     assert described(optax.adam(0.1)) == described(optax.adam(0.1)) != described(optax.adam(0.2))
 
 

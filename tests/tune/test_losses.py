@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jgait.geometry.matching import matched
 from jgait.tune import losses
 from jgait.tune.losses import TrajectoryWeights
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, LegTrajectory, Strides
@@ -146,14 +147,11 @@ def several(shift=0.0, **fields):
 
 
 def test_strides_are_matched_by_foot_and_time_as_when_they_are_judged():
-    from jgait.evaluate.scores import matched
-
     true, order = several(), np.array([3, 1, 0])
     ours = several(0.03)
     ours = ours._replace(strides=Strides(*(None if c is None else c[order] for c in ours.strides)))
-    valid = np.flatnonzero(true.strides.valid)
-    kept = Strides(*(None if c is None else c[valid] for c in true.strides))
-    assert matched(ours.strides, kept).tolist() == [2, 1, 0]
+    row, found = matched(ours.strides, true.strides)
+    assert found.tolist() == [True, True, False, True] and row[found].tolist() == [2, 1, 0]
     longer = ours._replace(strides=ours.strides._replace(length=ours.strides.length + np.array([0.02, 0.0, 0.0])))
     assert float(stride(longer, true, "length")) == pytest.approx(0.02**2 / 3)
     wider = ours._replace(strides=ours.strides._replace(width=ours.strides.width + 0.03))

@@ -1,6 +1,7 @@
 """Segments of a body from joint centres: frames built from points, with exact derivatives."""
 
 from collections.abc import Set
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -9,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.common.replay.spline import CUTOFF_HZ, MAX_GAP, Trajectory, checked_time, covered, evaluate, smooth
-from jgait.geometry.segments import Frame, Motion, Segments, differentiated
+from jgait.geometry.segments import Frame, Motion, Segments
 from jgait.geometry.vectors import Vector, add, cross, dot, scale, subtract
 from jgait.types import SIDES, AnyArray, Maybe, Values, as_float
 
@@ -133,12 +134,15 @@ def _bone(proximal: Vector, distal: Vector, lateral: Vector) -> Frame:
 @jax.jit
 def _motion(points: Motion[dict[str, Vector]], toe_out: dict[str, Values]) -> Motion[Segments[Maybe[Frame]]]:
     """Frames along p + v s + a s²/2, differentiated at s = 0."""
-    place, rate, acceleration = points
+    place, speed, bend = points
 
     def pose(s: Values) -> Segments[Maybe[Frame]]:
-        return frames(jax.tree.map(lambda p, v, a: p + s * (v + 0.5 * s * a), place, rate, acceleration), toe_out)
+        return frames(jax.tree.map(lambda p, v, a: p + s * (v + 0.5 * s * a), place, speed, bend), toe_out)
 
-    return differentiated(pose, jnp.zeros_like(place["lateral"].x))
+    at = jnp.zeros_like(place["lateral"].x)
+    rates = partial(jax.jvp, pose, tangents=(jnp.ones_like(at),))
+    (value, rate), (_, acceleration) = jax.jvp(lambda s: rates((s,)), (at,), (jnp.ones_like(at),))
+    return Motion(value, rate, acceleration)
 
 
 def _toe_out(points: dict[str, np.ndarray], side: str, valid: np.ndarray) -> float:

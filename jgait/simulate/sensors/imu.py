@@ -1,4 +1,4 @@
-"""The readings of a worn inertial sensor for an exact motion: soft tissue, mounting, bandwidth, noise, range, loss."""
+"""The readings of a worn inertial sensor for an exact motion: sway, mounting, bandwidth, noise, range, loss."""
 
 import math
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 from jgait.geometry.rotation import rotation, turn
 from jgait.geometry.vectors import kept
 from jgait.notes import record
-from jgait.simulate.sensors.dynamics import Wobble, low_pass, soft_tissue
+from jgait.signal import butterworth
 from jgait.types import AnyArray, Imu, Values
 
 DEGREE = math.pi / 180.0
@@ -41,9 +41,6 @@ class ImuErrors(NamedTuple):
         mounting_y: second component of that rotation vector [rad].
         mounting_z: third component of that rotation vector [rad].
         packet_loss: probability that a single sample is lost [1].
-        soft_tissue_frequency: natural frequency of the sensor on soft tissue [Hz]; inf: it is fixed to the bone.
-        soft_tissue_damping: damping ratio of that motion [1].
-        soft_tissue_tilt: tilt of the sensor per displacement [rad/m].
         sway: slow random turns of the sensor with the shoe or strap that it is on: standard deviation of their rate
             over that of the segment's own rate in the last half second [1].
         sway_arm: height of the sensor above the point about which it sways [m].
@@ -71,20 +68,16 @@ class ImuErrors(NamedTuple):
     mounting_y: Values = 0.0
     mounting_z: Values = 0.0
     packet_loss: Values = 0.0
-    soft_tissue_frequency: Values = math.inf
-    soft_tissue_damping: Values = 0.2
-    soft_tissue_tilt: Values = 0.0
     sway: Values = 0.0
     sway_arm: Values = 0.0
     acc_jolt: Values = 0.0
 
 
-_UNBOUNDED = ("gyr_bandwidth", "gyr_range", "acc_bandwidth", "acc_range", "soft_tissue_frequency")
+_UNBOUNDED = ("gyr_bandwidth", "gyr_range", "acc_bandwidth", "acc_range")
 _RANGES = {
     **dict.fromkeys(_UNBOUNDED, (0.0, math.inf)),
-    **dict.fromkeys(("mounting_x", "mounting_y", "mounting_z", "soft_tissue_tilt", "sway_arm"), (-math.inf, math.inf)),
+    **dict.fromkeys(("mounting_x", "mounting_y", "mounting_z", "sway_arm"), (-math.inf, math.inf)),
     "packet_loss": (0.0, 1.0),
-    "soft_tissue_damping": (0.0, 5.0),
 }
 """Closed ranges of the fields; other fields must not be negative. Fields without an upper bound must not be zero."""
 
@@ -167,29 +160,53 @@ def _disturbed(
     return drive, jnp.diff(velocity, axis=0, prepend=velocity[:1]) / dt
 
 
-def _leaning(
+def _swaying(
     gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], drive: Float[AnyArray, "time 3"],
-    errors: ImuErrors, dt: Values,
+    sway_arm: Values, dt: Values,
 ) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:  # fmt: skip
-    """The readings of a sensor on soft tissue, which tilts towards its displacement: forward about y, left about x; and
-    which sways about a point under it, driven by noise.
+    """The readings of a sensor that sways about a point under it, driven by noise.
+
+    The turn d of the sensor, from rest, d̈ + 2 ζ ω ḋ + ω² d = f₀ − f, is exact for a drive f that is linear between
+    samples.
     """
-    frequency, damping = (jnp.asarray(v, acc.dtype) for v in (errors.soft_tissue_frequency, errors.soft_tissue_damping))
-    of_tissue = np.arange(6) < 3  # then the sway: one scan for both
-    wobble = soft_tissue(
-        jnp.concatenate([acc, drive], axis=1), jnp.where(of_tissue, frequency, SWAY_HZ),
-        jnp.where(of_tissue, damping, SWAY_DAMPING), dt,
-    )  # fmt: skip
-    tissue, sway = (Wobble(*(part[:, rows] for part in wobble)) for rows in (slice(0, 3), slice(3, 6)))
+    push, omega, damping = drive[:1] - drive, 2.0 * math.pi * SWAY_HZ, SWAY_DAMPING
+    swings = omega * math.sqrt(1.0 - damping**2)
+    fade = jnp.exp(-damping * omega * dt)
+    keep, lift = fade * jnp.cos(swings * dt), fade * jnp.sin(swings * dt) / swings
+    rub = damping * omega * lift
 
-    def lean(d: Values) -> Values:
-        return errors.soft_tissue_tilt * jnp.stack([-d[:, 1], d[:, 0], jnp.zeros_like(d[:, 0])], axis=1)
+    def step(
+        carry: tuple[Values, Values], pushes: tuple[Values, Values]
+    ) -> tuple[tuple[Values, Values], tuple[Values, Values]]:
+        now, then = pushes
+        slope = (then - now) / dt
+        # The turn follows a linearly growing drive with a constant lag; the remainder is a free oscillation.
+        lag = 2.0 * damping * slope / omega**3
+        d, v = carry[0] - (now / omega**2 - lag), carry[1] - slope / omega**2
+        after = (
+            (keep + rub) * d + lift * v + then / omega**2 - lag,
+            (keep - rub) * v - omega**2 * lift * d + slope / omega**2,
+        )
+        return after, after
 
-    turned = sway.acceleration
-    swayed = errors.sway_arm * jnp.stack([turned[:, 1], -turned[:, 0], jnp.zeros_like(turned[:, 0])], axis=1)
-    matrix = rotation(lean(tissue.displacement) + sway.displacement)
-    rate = _turned_back(gyr, matrix) + lean(tissue.velocity) + sway.velocity
-    return rate, _turned_back(acc + tissue.acceleration + swayed, matrix)
+    zero = jnp.zeros_like(push[0])
+    _, moved = jax.lax.scan(step, (zero, zero), (push[:-1], push[1:]))
+    sways, rate = (jnp.concatenate([zero[None, :], part]) for part in moved)
+    turned = push - 2.0 * damping * omega * rate - omega**2 * sways
+    swayed = sway_arm * jnp.stack([turned[:, 1], -turned[:, 0], jnp.zeros_like(turned[:, 0])], axis=1)
+    matrix = rotation(sways)
+    return _turned_back(gyr, matrix) + rate, _turned_back(acc + swayed, matrix)
+
+
+def low_pass(values: Float[AnyArray, "time *rest"], frequency: Values, dt: Values) -> Float[Array, "time *rest"]:
+    """`butterworth.low_pass` of the channels of a signal (T, C), each with its cut-off (C,) [Hz].
+
+    A cut-off of 0.45 of the sampling rate or more, and inf, leave a channel unchanged.
+    """
+    on = frequency * dt < 0.45
+    start = values[:1]  # the filtered signal begins at zero: no precision is lost by gravity
+    filtered = butterworth.low_pass(values - start, jnp.where(on, frequency, 0.1 / dt), 1.0 / dt)
+    return jnp.where(on[None, :], filtered + start, values)
 
 
 def _quantise(value: Values, resolution: Values) -> Values:
@@ -206,8 +223,7 @@ def measure(
 ) -> Imu:
     """Simulate the readings of one sensor for an exact motion.
 
-    read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), on soft tissue, with sway and jolts,
-    before Rᵀ.
+    read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), with sway and jolts before Rᵀ.
 
     White noise fills the bandwidth up to half the sampling rate and is not low-passed again: a density in a data sheet
     holds after the sensor's filter, and sampling folds higher frequencies. Gradients flow to every field except
@@ -237,7 +253,7 @@ def measure(
         return jnp.repeat(jnp.stack([jnp.asarray(of_gyr, dtype), jnp.asarray(of_acc, dtype)]), 3)
 
     drive, vibration = _disturbed(draws[13:, 2:].T, gyr, acc, e, dt)
-    gyr, acc = _leaning(gyr, acc, drive, e, dt)
+    gyr, acc = _swaying(gyr, acc, drive, e.sway_arm, dt)
     fixed = jnp.stack([jnp.asarray(part, dtype) for part in (e.mounting_x, e.mounting_y, e.mounting_z)])
     # columns are the sensor's axes in the segment's axes; the random rotation comes last, in the intended sensor axes
     axes = _turned_back(rotation(fixed), turn(mount[:3], mount[3] * e.mounting)[None])[None]

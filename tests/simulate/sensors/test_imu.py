@@ -4,14 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.interpolate import interp1d
 from scipy.signal import butter, lfilter, lfilter_zi, sawtooth
 from scipy.spatial.transform import Rotation
 
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import IDEAL, ImuErrors, check_errors, measure, turn
-from jgait.simulate.sensors.dynamics import low_pass, soft_tissue
+from jgait.simulate.sensors.imu import low_pass
 
 RATE = 100.0
 T = 600
@@ -149,55 +147,6 @@ def test_the_low_pass_is_a_butterworth_without_a_transient_at_the_start():
     np.testing.assert_allclose(still.acc, STANDING, rtol=0, atol=1e-12)
 
 
-tissue = jax.jit(soft_tissue)
-
-
-@pytest.mark.parametrize("frequency, damping", [(8.0, 0.15), (5.0, 1.6)])
-def test_soft_tissue_solves_its_equation(frequency, damping):
-    n, omega = 120, 2.0 * np.pi * frequency
-    force = np.asarray(ACC[:n]) + 5.0 * (np.arange(n) == 40)[:, None]  # a knock, straight up and down
-    at = interp1d(np.arange(n) / RATE, force - force[0], axis=0)
-
-    def slope(t, state):
-        d, v = state[:3], state[3:]
-        return np.concatenate([v, -at(min(t, (n - 1) / RATE)) - 2 * damping * omega * v - omega**2 * d])
-
-    times = np.arange(n) / RATE
-    # steps of a quarter of a sample: an integrator with longer ones looks past the knock
-    exact = solve_ivp(slope, (0.0, times[-1]), np.zeros(6), t_eval=times, rtol=1e-9, atol=1e-12, max_step=0.25 / RATE)
-    wobble = tissue(force, frequency, damping, 1.0 / RATE)
-    np.testing.assert_allclose(wobble.displacement, exact.y[:3].T, rtol=0, atol=1e-7)
-    np.testing.assert_allclose(wobble.velocity, exact.y[3:].T, rtol=0, atol=1e-6)
-    acceleration = [slope(t, state)[3:] for t, state in zip(times, exact.y.T, strict=True)]
-    np.testing.assert_allclose(wobble.acceleration, acceleration, rtol=0, atol=2e-4)
-
-
-def test_soft_tissue_moves_and_tilts_the_sensor():
-    errors = ImuErrors(soft_tissue_frequency=8.0, soft_tissue_tilt=6.0)
-    imu = read(KEY, TIME, GYR, ACC, errors)
-    wobble = tissue(ACC, 8.0, errors.soft_tissue_damping, 1.0 / RATE)
-    x, y, _ = np.asarray(wobble.displacement).T
-    lean = Rotation.from_rotvec(6.0 * np.stack([-y, x, 0 * x], axis=1))
-    assert 0.005 < lean.magnitude().max() < 0.2
-    np.testing.assert_allclose(imu.acc, lean.inv().apply(ACC + wobble.acceleration), rtol=0, atol=1e-12)
-    x, y, _ = np.asarray(wobble.velocity).T
-    leaning = 6.0 * np.stack([-y, x, 0 * x], axis=1)
-    np.testing.assert_allclose(imu.gyr, lean.inv().apply(GYR) + leaning, rtol=0, atol=1e-12)
-    still = read(KEY, TIME, 0.0 * GYR, STANDING, errors)
-    np.testing.assert_allclose(still.acc, STANDING, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(still.gyr, 0.0, atol=1e-12)
-    # what is displaced forward leans forward: gravity then reads backwards along its x
-    push = STANDING + np.outer(np.arange(T) >= 200, [-2.0, 0.0, 0.0])
-    pushed = read(
-        KEY,
-        TIME,
-        0.0 * GYR,
-        push,
-        errors._replace(soft_tissue_damping=1.0),
-    )
-    assert float(pushed.acc[-1, 0]) == pytest.approx(-2.0 - GRAVITY * 6.0 * 2.0 / (2 * np.pi * 8.0) ** 2, rel=1e-3)
-
-
 def shaken(rate, errors, seconds=120.0):
     """Readings of a sensor that rests for two seconds, then turns by 2 rad/s and is pushed, less the motion."""
     time = np.arange(seconds * rate) / rate
@@ -248,7 +197,7 @@ def test_jolts_make_a_sensor_vibrate_about_its_place_and_not_at_rest(rate):
 SMOOTH = ImuErrors(
     gyr_noise=0.01, gyr_bias=0.05, gyr_drift=0.01, gyr_scale=0.02, gyr_bandwidth=20.0, acc_noise=0.02, acc_bias=0.1,
     acc_drift=0.03, acc_scale=0.02, acc_bandwidth=15.0, mounting=0.1, mounting_x=0.2, mounting_y=-0.4, mounting_z=0.3,
-    soft_tissue_frequency=9.0, soft_tissue_damping=0.3, soft_tissue_tilt=5.0, sway=0.05, sway_arm=0.06, acc_jolt=0.5,
+    sway=0.05, sway_arm=0.06, acc_jolt=0.5,
 )  # fmt: skip
 
 
@@ -282,12 +231,12 @@ def test_gradients_are_finite_where_every_error_is_off():
 
 
 def test_mapping_equals_a_loop():
-    many = SMOOTH._replace(gyr_noise=np.array([0.0, 0.01, 0.1]), soft_tissue_frequency=np.array([9.0, np.inf, 4.0]))
+    many = SMOOTH._replace(gyr_noise=np.array([0.0, 0.01, 0.1]), acc_bandwidth=np.array([9.0, np.inf, 4.0]))
     axes = ImuErrors(*(0 if np.ndim(leaf) else None for leaf in many))
     mapped = jax.jit(jax.vmap(measure, in_axes=(0, None, None, None, axes)))(KEYS[:3], TIME, GYR, ACC, many)
     mapped = jax.tree.map(np.asarray, mapped)
     for i in range(3):
-        one = SMOOTH._replace(gyr_noise=many.gyr_noise[i], soft_tissue_frequency=many.soft_tissue_frequency[i])
+        one = SMOOTH._replace(gyr_noise=many.gyr_noise[i], acc_bandwidth=many.acc_bandwidth[i])
         imu = read(KEYS[i], TIME, GYR, ACC, one)
         np.testing.assert_allclose(mapped.gyr[i], imu.gyr, rtol=0, atol=1e-10)
         np.testing.assert_allclose(mapped.acc[i], imu.acc, rtol=0, atol=1e-10)
@@ -313,7 +262,6 @@ def test_single_precision_stays_close_to_double():
         ({"gyr_bandwidth": np.nan}, r"ImuErrors\.gyr_bandwidth must be above 0; got nan"),
         ({"mounting_y": np.nan}, r"ImuErrors\.mounting_y must be finite"),
         ({"packet_loss": 1.5}, r"ImuErrors\.packet_loss must be finite and in \[0, 1\]; got 1\.5"),
-        ({"soft_tissue_frequency": -4.0}, r"ImuErrors\.soft_tissue_frequency must be above 0; got -4"),
         ({"gyr_bias": np.array([0.1, -0.2])}, r"ImuErrors\.gyr_bias must .*; got -0\.2"),
     ],
 )
@@ -327,4 +275,4 @@ def test_errors_that_are_no_numbers_are_refused():
     with pytest.raises(TypeError, match=r"ImuErrors\.acc_bias must be a number; got 'small'"):
         check_errors(IDEAL._replace(acc_bias="small"))
     check_errors(SMOOTH)
-    check_errors(SMOOTH._replace(gyr_noise=np.array([0.1, 0.0]), soft_tissue_tilt=-3.0))
+    check_errors(SMOOTH._replace(gyr_noise=np.array([0.1, 0.0]), mounting_x=-3.0))

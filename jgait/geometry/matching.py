@@ -1,0 +1,56 @@
+"""An estimate beside its reference: which strides are the same, and the turn and shift between two paths.
+
+By NumPy or JAX, as the arrays are.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jgait.geometry.arrays import xp
+from jgait.types import AnyArray, Strides, Values
+
+
+def span(strides: Strides, standing: bool) -> tuple[Values, Values]:
+    """Start and end (n,) [s] of each stride: from standing to standing, or from contact to contact."""
+    return (strides.standing, strides.standing_end) if standing else (strides.start, strides.end)
+
+
+def matched(ours: Strides, theirs: Strides) -> tuple[Int[AnyArray, "stride"], Bool[AnyArray, "stride"]]:
+    """For each of n strides of `theirs` the row of the matching stride of `ours`, and (n,) bool, whether there is one.
+
+    Two strides match if they are of one foot, each is the other's nearest in time, and their middles differ by less
+    than half the duration of the reference's stride. They are compared from standing to standing if both tables have
+    times of standing, else from contact to contact; a table without contacts by its times of standing. No gradient.
+    """
+    both = ours.standing is not None and theirs.standing is not None
+    (first, last), (start, end) = (span(strides, both or strides.start is None) for strides in (ours, theirs))
+    apart = xp.abs(0.5 * (start + end)[:, None] - 0.5 * (first + last)[None, :])
+    same = (theirs.side[:, None] == ours.side[None, :]) & (theirs.valid[:, None] & ours.valid[None, :])
+    apart = xp.where(same, apart, np.inf)
+    nearest, back = xp.argmin(apart, axis=1), xp.argmin(apart, axis=0)
+    rows = np.arange(len(start))
+    return nearest, (back[nearest] == rows) & (apart[rows, nearest] < 0.5 * (end - start))
+
+
+def aligned_error(
+    path: Float[AnyArray, "time 3"], reference: Float[AnyArray, "time 3"], valid: Bool[AnyArray, "time"]
+) -> Float[AnyArray, "time 3"]:
+    """Path minus reference [m], after the yaw and the shift of the path that give the smallest mean square.
+
+    With both paths relative to their means, the yaw is atan2(Σ a × b, Σ a · b) of their horizontal parts. No rotation
+    about a horizontal axis is removed: it would change heights. Rows that are not valid are 0.
+    """
+    weight = xp.asarray(valid)[:, None]
+    count = xp.maximum(xp.sum(weight, dtype=path.dtype), 1.0)
+
+    def centred(values: Float[AnyArray, "time 3"]) -> Values:
+        known = xp.where(weight, values, 0.0)
+        return xp.where(weight, known - xp.sum(known, axis=0, keepdims=True) / count, 0.0)
+
+    a, b = centred(path), centred(reference)
+    along, across = xp.sum(a[:, :2] * b[:, :2]), xp.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    # The root's argument is above 0, so that paths without extent have a finite gradient.
+    size = xp.sqrt(along * along + across * across + np.finfo(a.dtype).tiny ** 0.5)
+    c, s = along / size, across / size
+    turned = xp.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1], a[:, 2]], axis=1)
+    return turned - b
