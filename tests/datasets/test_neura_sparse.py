@@ -9,7 +9,7 @@ from scipy.io import savemat
 
 from jgait import datasets
 from jgait.datasets import neura_sparse
-from jgait.types import Estimate, Recording, leg_of
+from jgait.types import leg_of
 
 RATE = 100.0
 
@@ -89,6 +89,10 @@ def written(data_dir):
 
 
 def test_a_trial_that_this_version_does_not_know(written):
+    with pytest.raises(ValueError, match=f"neura_sparse has no recording 'S1'; there are {NAME}"):
+        loaded("neura_sparse", "S1")
+    with pytest.raises(TypeError, match=r"only must be a list of names of recordings, such as \['S1'\]; got a text"):
+        datasets.load("neura_sparse", "S1")
     assert datasets.names("neura_sparse") == (NAME,)
     (walk,) = loaded("neura_sparse")
     assert walk.info["verified"] is False
@@ -131,28 +135,18 @@ def test_angles_position_distance_and_windows(written):
     assert np.flatnonzero(~contact).tolist() == list(range(450, 550))
 
 
-def test_a_recording_that_is_not_there(written):
-    with pytest.raises(ValueError, match=f"neura_sparse has no recording 'S1'; there are {NAME}"):
-        loaded("neura_sparse", "S1")
-    with pytest.raises(TypeError, match=r"only must be a list of names of recordings, such as \['S1'\]; got a text"):
-        datasets.load("neura_sparse", "S1")
-
-
 # --- the real trial ---
 
 
 def test_what_a_walk_holds(walk):
-    assert isinstance(walk.recording, Recording) and isinstance(walk.reference, Estimate)
     assert walk.info["verified"] is True
     assert list(walk.recording.sensors) == list(neura_sparse.SERIALS)
-    assert walk.recording.subject == "S02" and walk.recording.sampling_rate_hz == RATE
+    assert walk.recording.subject == "S02" and walk.info["windows"]["whole"] == (1119, 2074)
     for imu in walk.recording.sensors.values():
-        assert imu.mask.all() and len(imu.time) == 2501
+        assert imu.mask.all() and len(imu.time) == len(walk.reference.time) == 2501
         assert np.linalg.norm(imu.acc[200:1000].mean(axis=0)) == pytest.approx(9.81, rel=0.015)
-    assert len(walk.reference.time) == 2501
-    assert walk.info["windows"]["whole"] == (1119, 2074)
-    np.testing.assert_allclose(walk.info["lengths"]["right"], (0.395, 0.409), atol=0.0015)
-    np.testing.assert_allclose(walk.info["lengths"]["left"], (0.416, 0.391), atol=0.0015)
+    for side, lengths in (("right", (0.395, 0.409)), ("left", (0.416, 0.391))):
+        np.testing.assert_allclose(walk.info["lengths"][side], lengths, atol=0.0015)
 
 
 @pytest.mark.parametrize(

@@ -57,16 +57,12 @@ def test_sets_have_terms_and_addresses():
     )
 
 
-def test_an_unknown_set():
+def test_an_unknown_set_and_an_address_elsewhere():
+    with pytest.raises(ValueError, match=r"walking5m is at example.org"):
+        datasets.info("walking5m")._replace(repository="example.org/a/b").address("x")
     for function in (datasets.info, datasets.load, datasets.path, datasets.fetch, datasets.missing, datasets.available):
         with pytest.raises(ValueError, match="no data set 'mars'; known are neura_sparse, walking5m"):
             function("mars")
-
-
-def test_an_address_elsewhere():
-    elsewhere = datasets.info("walking5m")._replace(repository="example.org/a/b")
-    with pytest.raises(ValueError, match=r"walking5m is at example.org"):
-        elsewhere.address("x")
 
 
 @pytest.mark.parametrize("name", ["neura_sparse", "ipol_gait"])
@@ -165,13 +161,12 @@ def test_the_command_fetches_under_a_bar_with_the_packages_of_its_extra(little, 
     (server / "a b").mkdir()
     for path in ("a b/one.txt", "two.txt"):
         (server / path).write_bytes(GOOD)
+    states = []
+    datasets.fetch("little", ["a b/one.txt"], progress=lambda *state: states.append(state))
+    assert states[-1] == ("a b/one.txt", len(GOOD), len(GOOD))
     command.fetch_set("little")
     assert capsys.readouterr().out.strip() == str(registry._cache("little"))
     assert datasets.missing("little") == ()
-    states = []
-    (registry._cache("little") / "two.txt").unlink()
-    datasets.fetch("little", progress=lambda *state: states.append(state))
-    assert states[-1] == ("two.txt", len(GOOD), len(GOOD))
 
 
 def test_without_a_network_the_command_says_so_in_one_sentence(little, server, monkeypatch, capsys):

@@ -60,10 +60,7 @@ def test_feet_from_above_with_equal_axes_and_a_fitted_reference(tmp_path):
 
 
 def test_feet_from_the_side():
-    figure = plot.foot_height(walked())
-    right, left = figure.axes
-    assert "[cm]" in right.get_ylabel() and "[m]" in left.get_xlabel()
-    for axis in (right, left):
+    for axis in plot.foot_height(walked()).axes:
         line, holds = axis.lines
         assert line.get_xdata()[-1] == pytest.approx(COUNT * STRIDE)
         assert line.get_ydata().max() == pytest.approx(15.0, rel=1e-3)
@@ -98,17 +95,6 @@ def test_every_figure_of_strides_marks_what_the_table_marks(draw):
         assert set(drawn) == {"side not known", "in doubt", "in a turn"}
         np.testing.assert_allclose(drawn["side not known"].get_xdata(), ends[[3]])
         np.testing.assert_allclose(np.sort(drawn["in a turn"].get_xdata()), np.sort(ends[[6, COUNT + 6]]))
-
-
-def test_no_line_joins_strides_of_two_bouts():
-    estimate = walked()
-    ends = np.asarray(estimate.strides.end)
-    middle = np.median(ends)
-    late = estimate._replace(strides=estimate.strides._replace(end=np.where(ends > middle, ends + 60.0, ends)))
-    for side in SIDES:
-        (line,) = [each for each in lines_of(plot.leg_strides(late).axes[0], FOOT[side]) if each.get_linewidth() == 0.6]
-        (gap,) = np.flatnonzero(np.isnan(line.get_ydata()))
-        assert line.get_xdata()[gap - 1] <= middle and line.get_xdata()[gap + 1] > middle + 60.0
 
 
 def test_widths_are_drawn_as_long_as_they_are():

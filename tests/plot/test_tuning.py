@@ -42,30 +42,22 @@ def test_correlations_are_written_in_their_squares_and_what_is_not_determined_is
 def test_a_profile_is_drawn_with_its_line_and_its_ends(lengths):
     free = FREE._replace(rollover_radius=fixed, noise=fixed)
     found = tune.profile(total_length, AT, free, lengths, "a1", np.linspace(0.37, 0.42, 6), optax.sgd(0.1))
-    low, high = found.interval(0.95)
-    figure = plot_tuning.profile(found)
-    (axis,) = figure.axes
+    ends = found.interval(0.95)
+    (axis,) = plot_tuning.profile(found).axes
     need = 1.959963984540054**2 / 2.0
     assert axis.get_xlabel() == "a1" and axis.get_ylabel() == "loss above its minimum [nat]"
-    legend = [text.get_text() for text in axis.get_legend().texts]
-    assert legend == ["95 %: 1.92 nat", f"from {low:.4g}", f"to {high:.4g}"]
-    curve, points, line, *ends = axis.lines
+    assert axis.get_legend().texts[0].get_text() == "95 %: 1.92 nat"
+    curve, points, line, *upright = axis.lines
     np.testing.assert_allclose(points.get_ydata(), found.rises)
     np.testing.assert_allclose(line.get_ydata(), need)
-    for end, at in zip(ends, (low, high), strict=True):
-        assert list(end.get_xdata()) == [at, at]
-        assert np.interp(at, *curve.get_data()) == pytest.approx(need, rel=1e-2)
+    np.testing.assert_allclose([end.get_xdata()[0] for end in upright], ends)
     parabola = 0.5 * ((curve.get_xdata() - 0.4) / 0.05) ** 2 * 50
     np.testing.assert_allclose(curve.get_ydata(), parabola, atol=1e-9)
-    assert axis.get_xscale() == "linear"
-
-
-def test_a_flat_profile_is_reported(lengths):
-    free = Pair(positive, positive, fixed)
-    found = tune.profile(total_length, AT, free, lengths, "a1", [0.04, 0.2, 0.4], optax.adam(0.05), steps=150)
-    (axis,) = plot_tuning.profile(found).axes
+    flat = tune.profile(
+        total_length, AT, Pair(positive, positive, fixed), lengths, "a1", [0.04, 0.2, 0.4], optax.adam(0.05), steps=150
+    )
+    (axis,) = plot_tuning.profile(flat).axes
     assert [text.get_text() for text in axis.texts] == ["not determined by these data"]
-    assert axis.get_ylim()[1] > 1.92 and axis.get_xscale() == "log"  # the line is seen even so
 
 
 def test_a_training_shows_loss_gradient_and_what_was_taken_back(lengths):

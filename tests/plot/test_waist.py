@@ -38,19 +38,12 @@ def estimate(recording):
     time = recording.sensors["waist"].time
     contact = STAND + (0.25 + np.arange(2, 12)) / STEPS_HZ
     side = np.arange(contact.size) % 2
-    likely = np.ones(len(contact))
-    told = {"initial_contact": contact, "initial_contact_side": side, "initial_contact_side_probability": likely,
-            "notes": ()}  # fmt: skip
+    told = {"initial_contact": contact, "initial_contact_side": side, "notes": ()}
     way = SPEED * np.clip(time - contact[0], 0.0, None)
     n = contact.size - 2
     nothing = np.full(n, np.nan)
     strides = Strides(side[2:], contact[:-2], nothing, contact[2:], np.full(n, 1.3), nothing, nothing, np.ones(n, bool))
-    told |= {
-        "trunk_acceleration": recording.sensors["waist"].acc - [0.0, 0.0, 9.80665],
-        "distance_stddev": 0.02 * way,
-        "turning": np.zeros(n, bool),
-        "unsure": np.zeros(n, bool),
-    }
+    told["trunk_acceleration"] = recording.sensors["waist"].acc - [0.0, 0.0, 9.80665]
     return Estimate(time, Legs(None, None), None, way, np.ones(time.size, bool), told, strides)
 
 
@@ -95,18 +88,18 @@ def test_speed_with_the_velocity_update(load_experiment, recording, estimate):
     assert len(rising) == 3 and all(values[0] == 0.0 for values in rising)
 
 
-def test_the_command_line_draws_contacts(recording, estimate, tmp_path):
+def test_without_contacts_the_command_line_draws_none(recording, estimate, tmp_path):
     p = waist.with_body(waist.WaistParams(), {"sensor_height": 0.97})
-    made = EstimatedRecording(recording, estimate, p, {"options": waist.DEFAULT})
-    written = jobs.of_estimate(made, ABOUT).drawn(tmp_path, "walk", ABOUT.figures)
-    assert tmp_path / "walk_contacts.png" in written and (tmp_path / "walk_contacts.png").stat().st_size > 20_000
-    still = {**estimate.diagnostics, "initial_contact": np.zeros(0), "initial_contact_side": np.zeros(0, int),
-             "initial_contact_side_probability": np.zeros(0)}  # fmt: skip
-    none = jax.tree.map(lambda column: column[:0], estimate.strides)
-    stood = made._replace(estimate=estimate._replace(diagnostics=still, strides=none))
-    told = jobs.of_estimate(stood, ABOUT)
-    assert "contacts" in told.tables
-    assert "stood_contacts.png" not in [path.name for path in told.drawn(tmp_path, "stood", ABOUT.figures)]
+    for count, files in ((10, ["walk_contacts.png"]), (0, [])):
+        contacts = {
+            f"initial_contact{end}": estimate.diagnostics[f"initial_contact{end}"][:count] for end in ("", "_side")
+        }
+        contacts |= {"initial_contact_side_probability": np.ones(count), "distance_stddev": 0.02 * estimate.distance}
+        strides = jax.tree.map(lambda column, n=count: column[:n], estimate.strides)
+        found = estimate._replace(diagnostics=estimate.diagnostics | contacts, strides=strides)
+        made = EstimatedRecording(recording, found, p, {"options": waist.DEFAULT})
+        written = jobs.of_estimate(made, ABOUT).drawn(tmp_path, "walk", ABOUT.figures)
+        assert [path.name for path in written if "contacts" in path.name] == files
 
 
 def test_what_is_not_there_is_refused(estimate):
