@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jgait import params
+from jgait.estimators import leg_ekf
 from jgait.params import check_params, constrain, fixed, interval, positive, real, unconstrain
 
 
@@ -124,3 +126,13 @@ def test_structures_that_do_not_match_are_named():
 def test_an_interval_needs_two_ends_in_order(ends):
     with pytest.raises(ValueError, match=r"^interval\(low, high\) needs finite low < high; got low="):
         interval(*ends)
+
+
+def test_names_that_are_free():
+    transforms = leg_ekf.estimator().transforms
+    free = params.freed(transforms, "thigh_length", "inclination.gyro_noise", "angle_noise")
+    marks = jax.tree.leaves(free, is_leaf=lambda node: isinstance(node, params.Transform))
+    moved = [name for name, mark in zip(params.names(free), marks, strict=True) if mark.to_free is not None]
+    assert moved == ["thigh_length.right", "thigh_length.left", "angle_noise", "inclination.gyro_noise"]
+    with pytest.raises(ValueError, match=r"no parameter 'thigh'; there are thigh_length\.right, "):
+        params.freed(transforms, "thigh")

@@ -8,7 +8,7 @@ from experiments.bennett2013.neura_sparse import person
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from experiments.common.sets import datasets
-from experiments.common.windows import Judged, judge
+from experiments.common.windows import Judged, judge, named_windows
 from jgait import params, tune
 from jgait.estimators import leg_ekf
 from jgait.types import SIDES
@@ -35,7 +35,7 @@ def rows(quick: bool) -> list[Row]:
     walk = walks(SET)[0]
     estimator, start = leg_ekf.estimator(), person(walk)
     learned, unseen = (
-        tune.lessons(estimator, [walk], body=datasets.body, windows=tune.named_windows(part)).lesson(0)
+        tune.lessons(estimator, [walk], body=datasets.body, windows=named_windows(part)).lesson(0)
         for part in ("straight_1", "straight_2")
     )
     loss = tune.objective(estimator, leg_ekf.DEFAULT, "joint_angles")

@@ -10,7 +10,7 @@ from experiments.bennett2013 import literal
 from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from experiments.common.sets import datasets
-from experiments.common.windows import Judged, judge
+from experiments.common.windows import Judged, judge, named_windows
 from jgait import params, tune
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf import DEFAULT, PAPER, BySide, LegOptions, LegParams
@@ -133,7 +133,7 @@ def held_out(walk: datasets.Walk, p: LegParams) -> list[Row]:
     """Tune on the walk out (S1), judge on the walk back (S2)."""
     options = DEFAULT._replace(rate_hz=50.0)
     item, unseen = (
-        tune.lessons(leg_ekf.estimator(options), [walk], body=datasets.body, windows=tune.named_windows(look)).lesson(0)
+        tune.lessons(leg_ekf.estimator(options), [walk], body=datasets.body, windows=named_windows(look)).lesson(0)
         for look in ("straight_1", "straight_2")
     )
     loss = tune.Objective(leg_ekf.run, leg_ekf.with_body, options, (("trajectory", 1.0), ("distance", 1.0)))

@@ -1,11 +1,15 @@
-"""Errors of an estimate within a window of a walk, relative to standing."""
+"""Windows of a walk by their names, and errors of an estimate within a window, relative to standing."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
+from jgait.estimators.interface import Prepared
 from jgait.evaluate.errors import FIELDS, distance_error, leg_errors, trajectory_errors
-from jgait.types import AnyArray, Estimate, as_float
+from jgait.tune import Windows
+from jgait.types import AnyArray, Estimate, RecordingError, Walk, as_float
 
 Samples = tuple[int, int] | AnyArray
 """Samples of a reference: a half-open range, or a mask (T,)."""
@@ -57,3 +61,21 @@ def _share_within(estimate: Estimate, reference: Estimate, look: np.ndarray, sti
         spread = unit * np.interp(as_float(reference.time), as_float(estimate.time), as_float(getattr(stddev, field)))
         inside.append(np.abs(relative[look]) <= 2.0 * spread[look])
     return float(np.mean(np.concatenate(inside)))
+
+
+def named_windows(look: str) -> Callable[[Walk, Prepared[PyTree]], Windows]:
+    """Windows from their names in `walk.info["windows"]`, which holds them in samples of the walk's reference.
+
+    A walk without a window "standing" gets the standing that the estimator detected.
+    """
+
+    def windows(walk: Walk, prepared: Prepared[PyTree]) -> Windows:
+        known = walk.info.get("windows") or {}
+        if look not in known or walk.reference is None:
+            raise RecordingError(f"the walk has no window {look!r}; it has {', '.join(known) or 'none'}")
+        steps = (float(np.median(np.diff(as_float(time)))) for time in (prepared.inputs.time, walk.reference.time))
+        every = round(next(steps) / next(steps))
+        spans = {name: (start // every, end // every) for name, (start, end) in known.items()}
+        return Windows(spans[look], spans.get("standing", prepared.standing))
+
+    return windows

@@ -10,6 +10,8 @@ from jaxtyping import PyTree
 from jgait.plot.style import DASHED, ESTIMATE, RED, REFERENCE, Figure, Style, blank
 
 if TYPE_CHECKING:
+    from matplotlib.axis import Axis
+
     from jgait.tune.fit import Fit
     from jgait.tune.identifiability import Identifiability
     from jgait.tune.profile import Profile
@@ -25,6 +27,16 @@ LEVEL = 0.95
 
 MANY = 14
 """Smallest number of parameters for which the squares have no numbers."""
+
+
+def _plain(axis: "Axis") -> None:
+    """Label a logarithmic axis with numbers; powers of ten would need formulas, which `style.save` does not draw."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_data_interval()
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 1e3 * low else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def correlation(identifiability: "Identifiability", *, title: str = "") -> Figure:
@@ -82,6 +94,7 @@ def profile(profile: "Profile", *, title: str = "") -> Figure:
     ratio = profile.values[-1] / profile.values[0] if profile.values[0] > 0.0 else 1.0
     if profile.transform.low == 0.0 and math.isinf(profile.transform.high) and ratio > 8.0:
         axis.set_xscale("log")
+        _plain(axis.xaxis)
     axis.set_ylim(-0.06 * need, 1.05 * min(max(float(rises.max()), 1.35 * need), 5.0 * need))
     axis.set_xlabel(profile.name)
     axis.set_ylabel("loss above its minimum [nat]")
@@ -116,6 +129,7 @@ def training(fit: "Fit[PyTree]", *, title: str = "") -> Figure:
     axes[1, 0].set_ylabel("gradient norm\nin free coordinates")
     if np.nanmax(norms, initial=0.0) > 8.0 * np.nanmin(norms, initial=np.inf):
         axes[1, 0].set_yscale("log")
+        _plain(axes[1, 0].yaxis)
     axes[1, 0].set_xlabel("step")
     axes[0, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
     if title:

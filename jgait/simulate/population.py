@@ -125,15 +125,14 @@ def gait(
             "a gait needs two of speed [m/s], stride_length [m] and cadence [steps/min], or speed and stature [m]; "
             f"got {', '.join(f'{k}={v:g}' for k, v in known.items()) or 'none'}"
         )
-    if len(known) == 3:
-        made = known["stride_length"] * known["cadence"] / 120.0
-        if abs(made / known["speed"] - 1.0) > 0.01:
-            raise ValueError(
-                f"speed={known['speed']:g} m/s contradicts stride_length={known['stride_length']:g} m and "
-                f"cadence={known['cadence']:g} steps/min, which make {made:.3f} m/s; give two of them"
-            )
     beat = known["cadence"] if "cadence" in known else 120.0 * known["speed"] / known["stride_length"]
     length = known["stride_length"] if "stride_length" in known else 120.0 * known["speed"] / beat
+    made = length * beat / 120.0
+    if abs(made / known.get("speed", made) - 1.0) > 0.01:
+        raise ValueError(
+            f"speed={speed:g} m/s contradicts stride_length={length:g} m and cadence={beat:g} steps/min, which make "
+            f"{made:.3f} m/s; give two of them"
+        )
     body = Body()
     leg = (body.thigh_length + body.shank_length) * height / 1.75
     manners = {name: float(value) for name, value in manner(length / leg, usual).items()}

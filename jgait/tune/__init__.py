@@ -5,7 +5,7 @@ from jgait.tune.explain import Assumption, Explanation, explain
 from jgait.tune.fit import Fit, fit
 from jgait.tune.identifiability import Identifiability, identifiability
 from jgait.tune.lanes import Progress, Report
-from jgait.tune.lessons import Lesson, Lessons, Windows, lessons, named_windows
+from jgait.tune.lessons import Lesson, Lessons, Windows, lessons
 from jgait.tune.objective import LOSSES, Loss, Objective, asked, lacking, objective, parsed
 from jgait.tune.profile import Profile, profile
 
@@ -31,7 +31,6 @@ __all__ = [
     "identifiability",
     "lacking",
     "lessons",
-    "named_windows",
     "objective",
     "parsed",
     "profile",

@@ -91,24 +91,6 @@ class Lessons(NamedTuple):
         return jax.tree.map(lambda leaf: leaf[number], self.data)
 
 
-def named_windows(look: str) -> Callable[[Walk, Prepared[PyTree]], Windows]:
-    """Windows from their names in `walk.info["windows"]`, which holds them in samples of the walk's reference.
-
-    A walk without a window "standing" gets the standing that the estimator detected.
-    """
-
-    def windows(walk: Walk, prepared: Prepared[PyTree]) -> Windows:
-        known = walk.info.get("windows") or {}
-        if look not in known or walk.reference is None:
-            raise RecordingError(f"the walk has no window {look!r}; it has {', '.join(known) or 'none'}")
-        steps = (float(np.median(np.diff(as_float(time)))) for time in (prepared.inputs.time, walk.reference.time))
-        every = round(next(steps) / next(steps))
-        spans = {name: (start // every, end // every) for name, (start, end) in known.items()}
-        return Windows(spans[look], spans.get("standing", prepared.standing))
-
-    return windows
-
-
 class _Item(NamedTuple):
     """A lesson before padding, with the name, subject, day and options of its walk."""
 

@@ -29,19 +29,6 @@ def over_subjects(table, statistic, *, seed, resamples):
     return tuple(np.quantile([statistic(pd.concat([people[k] for k in draw])) for draw in draws], [0.025, 0.975]))
 
 
-def test_bootstrap_covers_the_median_and_repeats_with_its_seed():
-    values, people = np.random.default_rng(0).normal(3.0, 1.0, 200), np.arange(200)
-
-    def interval(seed):
-        return evaluate.paired_difference(0.0 * values, values, people, seed=seed)[1:3]
-
-    low, high = interval(1)
-    assert low < np.median(values) < high
-    # the median of normals is known to ± 1.96 · 1.2533 s/√n, within what one draw of them can tell
-    assert high - low == pytest.approx(2.0 * 1.96 * 1.2533 * values.std() / np.sqrt(200), rel=0.35)
-    assert (low, high) == interval(1) != interval(2)
-
-
 # --- over subjects ---
 
 
@@ -56,14 +43,14 @@ def test_paired_difference_by_hand():
 
 def test_pairs_see_a_change_that_is_small_beside_the_spread_of_people():
     rng = np.random.default_rng(0)
-    before = rng.gamma(4.0, 1.0, 40)
-    names = np.arange(40)
-    worse = evaluate.paired_difference(before, before + rng.normal(0.1, 0.1, 40), names, seed=1)
-    assert worse.worse_beyond_noise and worse.low > 0.0
-    assert worse.worse > 25
-    back = evaluate.paired_difference(before + 0.1, before, names, seed=1)
-    assert (back.better, back.worse) == (40, 0)
-    np.testing.assert_allclose(back[:3], -0.1, rtol=1e-12)
+    before, names = rng.gamma(4.0, 1.0, 200), np.arange(200)
+    change = rng.normal(0.1, 0.1, 200)
+    worse = evaluate.paired_difference(before, before + change, names, seed=1)
+    assert worse.worse_beyond_noise and worse.worse > 150
+    # the median of normals is known to ± 1.96 · 1.2533 s/√n, within what one draw of them can tell
+    assert worse.high - worse.low == pytest.approx(2.0 * 1.96 * 1.2533 * change.std() / np.sqrt(200), rel=0.35)
+    again = [evaluate.paired_difference(before, before + change, names, seed=seed) for seed in (1, 2)]
+    assert again[0] == worse != again[1]
 
 
 # --- intraclass correlation ---
@@ -91,7 +78,6 @@ def test_icc_of_two_raters_by_the_components_of_variance():
     # an offset d between two raters has variance d²/2 and counts against absolute agreement
     assert icc(one + 2.0, two).value == pytest.approx(9.0 / (9.0 + 1.0 + 2.0), abs=0.01)
     pair = np.stack([one[:50], two[:50]], axis=1)
-    assert icc(one[:50], two[:50]) == evaluate.icc21(pair)
     np.testing.assert_allclose(evaluate.icc21(1e6 + 10.0 * pair)[:3], evaluate.icc21(pair)[:3], rtol=1e-6)
 
 
@@ -178,14 +164,12 @@ def test_a_row_of_agreement_holds_what_its_parts_say():
     row = result.loc["stride_length"]
     assert (row["n"], row["n_subjects"], row["n_dropped"]) == (28, 5, 2)
     limits = evaluate.limits_of_agreement(length["estimate"], length["reference"], subjects=length["subject"])
-    np.testing.assert_allclose(
-        row[["bias", "bias_low", "bias_high", "loa_low", "loa_high"]],
-        [limits.bias, limits.bias_low, limits.bias_high, limits.lower, limits.upper],
-    )
     error = length["error"].to_numpy()
-    np.testing.assert_allclose(row["rmse"], np.sqrt(np.mean(error**2)))
-    np.testing.assert_allclose(row["mae"], np.abs(error).mean())
-    np.testing.assert_allclose(row["max_abs"], np.abs(error).max())
+    np.testing.assert_allclose(
+        row[["bias", "bias_low", "bias_high", "loa_low", "loa_high", "rmse", "mae", "max_abs"]].astype(float),
+        [limits.bias, limits.bias_low, limits.bias_high, limits.lower, limits.upper, np.sqrt(np.mean(error**2)),
+         np.abs(error).mean(), np.abs(error).max()],
+    )  # fmt: skip
     slow = {"seed": 4, "resamples": 300}
     np.testing.assert_allclose(
         row[["mae_low", "mae_high"]],

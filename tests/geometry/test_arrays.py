@@ -26,13 +26,15 @@ def test_of_numbers_it_gives_a_number_that_takes_the_type_of_the_arrays_it_meets
         xp.no_such(1.0)
 
 
-def test_interpolation_has_the_type_of_the_values():
+def test_interpolation_and_the_largest_so_far_have_the_type_of_the_values():
     at, knots = np.linspace(-1.0, 4.0, 11), np.asarray([0.0, 1.0, 3.0])
     values = np.asarray([[0.0, 1.0], [2.0, 0.0], [4.0, 8.0]], np.float32)
     host = interpolated(at, knots, values)
     traced = interpolated(*(jnp.asarray(v, jnp.float32) for v in (at, knots, values)))
     assert host.dtype == np.float32 and host.shape == (11, 2)
     np.testing.assert_allclose(host, traced, rtol=1e-6)
+    for of in (np.asarray, jnp.asarray):
+        np.testing.assert_array_equal(largest_so_far(of([1.0, 3.0, 2.0, 5.0])), [1.0, 3.0, 3.0, 5.0])
 
 
 @pytest.mark.parametrize("how", ["set", "add", "max"])
@@ -41,13 +43,6 @@ def test_rows_are_put_and_those_behind_the_last_are_left_out(how):
     host = put(values, at, new, how)
     np.testing.assert_array_equal(host, put(jnp.asarray(values), jnp.asarray(at), jnp.asarray(new), how))
     assert not values.any() and host[0, 0] == 1.0
-
-
-def test_the_largest_so_far():
-    values = np.asarray([1.0, 3.0, 2.0, 5.0, 4.0])
-    found = largest_so_far(values)
-    np.testing.assert_array_equal(found, [1.0, 3.0, 3.0, 5.0, 5.0])
-    np.testing.assert_array_equal(found, largest_so_far(jnp.asarray(values)))
 
 
 def test_each_of_some_records():

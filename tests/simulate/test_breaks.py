@@ -40,17 +40,6 @@ def test_bouts_follow_each_other(walked):
     assert truth.estimate.valid.all()
 
 
-def test_the_first_bout_is_a_walk_of_its_own(walked):
-    steps = round(float(total_length(WAYS[0])) / (0.5 * WHO.gait.stride_length))
-    person = Person(WHO.body, WHO.gait._replace(steps=float(steps)))
-    alone, truth = simulate.recording(jax.random.fold_in(jax.random.key(0), 0), person, WAYS[0])
-    samples = len(truth.estimate.time)
-    for placement, imu in alone.sensors.items():
-        for signal in ("gyr", "acc"):
-            whole = np.asarray(getattr(walked[0].sensors[placement], signal))
-            np.testing.assert_allclose(whole[:samples], getattr(imu, signal), atol=1e-9)
-
-
 def test_nobody_moves_in_a_break(walked):
     recording, truth = walked
     time = np.asarray(recording.sensors["pelvis"].time)

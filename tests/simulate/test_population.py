@@ -72,12 +72,9 @@ def test_who_comes_first_does_not_depend_on_how_many_are_drawn(people):
 
 def test_a_gait_from_any_two_figures_is_the_same():
     by_length = simulate.gait(speed=1.2, stride_length=1.2)
-    by_cadence = simulate.gait(speed=1.2, cadence=120.0)
-    by_both = simulate.gait(stride_length=1.2, cadence=120.0)
-    for other in (by_cadence, by_both, simulate.gait(1.2, 1.2, 120.0)):
+    for other in (simulate.gait(speed=1.2, cadence=120.0), simulate.gait(stride_length=1.2, cadence=120.0)):
         np.testing.assert_allclose(other, by_length, rtol=1e-12)
-    assert by_length.stride_time == pytest.approx(1.0)
-    assert by_length.stride_length == pytest.approx(1.2)
+    assert by_length.stride_time == pytest.approx(1.0) and by_length.stride_length == pytest.approx(1.2)
 
 
 @pytest.mark.parametrize(

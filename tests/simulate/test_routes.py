@@ -13,19 +13,12 @@ def there(way, *distances):
     return jax.tree.map(lambda leaf: np.asarray(leaf)[: len(distances)], place), np.asarray(speed)
 
 
-def test_a_straight_route_goes_along_x_and_on_beyond_its_end():
-    place, _ = there(routes.straight(5.0), -1.0, 0.0, 2.0, 7.0)
-    np.testing.assert_allclose(place.x, [-1.0, 0.0, 2.0, 7.0])
-    np.testing.assert_allclose(place.y, 0.0, atol=1e-15)
-    np.testing.assert_allclose(place.heading, 0.0, atol=1e-15)
-
-
 def test_a_corner_turns_by_its_angle_on_its_radius():
     way = routes.corner(3.0, np.pi / 2, 4.0, radius=1.0)
-    place, _ = there(way, 3.0, 3.0 + np.pi / 2, 3.0 + np.pi / 2 + 4.0)
-    np.testing.assert_allclose(place.x, [3.0, 4.0, 4.0], atol=1e-12)
-    np.testing.assert_allclose(place.y, [0.0, 1.0, 5.0], atol=1e-12)
-    np.testing.assert_allclose(place.heading, [0.0, np.pi / 2, np.pi / 2], atol=1e-12)
+    place, _ = there(way, -1.0, 3.0, 3.0 + np.pi / 2, 3.0 + np.pi / 2 + 4.0, 10.0 + np.pi / 2)
+    np.testing.assert_allclose(place.x, [-1.0, 3.0, 4.0, 4.0, 4.0], atol=1e-12)
+    np.testing.assert_allclose(place.y, [0.0, 0.0, 1.0, 5.0, 8.0], atol=1e-12)  # and on beyond its ends
+    np.testing.assert_allclose(place.heading, [0.0, 0.0, *[np.pi / 2] * 3], atol=1e-12)
 
 
 @pytest.mark.parametrize("way", [routes.circle(2.0), routes.rectangle(5.0, 4.0), routes.rectangle(6.0, 3.0, laps=2)])

@@ -16,7 +16,7 @@ from jgait.simulate.footsteps import FIRST
 from jgait.simulate.recorded import limits
 from jgait.simulate.sensors import IDEAL
 from jgait.simulate.shapes import shape_of
-from jgait.simulate.walker import moved, plan, separated, ticks
+from jgait.simulate.walker import plan, ticks
 from jgait.types import SIDES
 
 RATE = 100.0
@@ -117,16 +117,10 @@ def test_who_turns_on_the_spot_steps_round_without_getting_ahead():
     turning = (heading > 0.3) & (heading < np.pi - 0.3)
     assert turning.sum() > 100 and np.ptp(pelvis[turning], axis=0).max() < 0.4
     assert np.linalg.norm(pelvis[-1] - pelvis[0]) < 0.2
-    times = np.asarray(truth.estimate.time)
-    steps = 0
-    for k in range(1, int(who.gait.steps)):
-        since = (times - truth.plan.contact[k + FIRST]) / (0.5 * who.gait.stride_time)
-        flat = (since > 2.0 * who.gait.foot_flat + 0.1) & (since < 2.0 * who.gait.heel_off - 0.1)
-        side = "left" if truth.plan.side[k + FIRST] > 0 else "right"
-        for point in contact_points(who, truth, side):
-            assert np.ptp(point[flat], axis=0).max() < 1e-9
-        steps += turning[flat].any()
-    assert steps >= 2
+    for side in SIDES:  # a foot that does not move on the ground does not turn on it
+        heel, ball = (np.gradient(point, axis=0) * RATE for point in contact_points(who, truth, side))
+        still = turning & (np.abs(heel).max(axis=1) < 1e-9)
+        assert still.any() and np.abs(ball[still]).max() < 1e-9
 
 
 def test_standing_sensors_feel_gravity_alone(walked):
@@ -151,15 +145,6 @@ def test_a_closing_step_ends_on_the_ball_of_a_foot_whose_heel_comes_down(base):
     far = np.flatnonzero(np.linalg.norm(stacked(foot.origin)[:, :2] - stacked(foot.origin)[-1, :2], axis=1) > 0.05)[-1]
     assert -12.0 < np.degrees(np.arcsin(np.asarray(foot.x.z)[far])) < -3.0
     assert abs(np.asarray(foot.x.z)[-1]) < 1e-9
-
-
-def test_a_sensor_is_worn_where_it_is_placed():
-    who, where = person(), simulate.mount(person().body, "waist")
-    kept = {"placements": ("waist", "pelvis"), "places": {"pelvis": tuple(map(float, where))}}
-    recording, _ = simulate.recording(jax.random.key(1), who, STRAIGHT, **kept)
-    waist, moved_there = recording.sensors.values()
-    np.testing.assert_array_equal(waist.acc, moved_there.acc)
-    np.testing.assert_array_equal(waist.gyr, moved_there.gyr)
 
 
 @BOTH
@@ -260,29 +245,6 @@ def test_gradients_of_a_signal_loss_equal_finite_differences():
         np.testing.assert_allclose(gradient[i], numeric, rtol=1e-5, atol=1e-6 * scale, err_msg=name)
 
 
-@pytest.mark.release
-def test_mapping_over_people_equals_a_loop_and_single_precision_is_close():
-    people = [person(stride_length=length, **VARIED) for length in (1.1, 1.3)]
-    time = np.arange(2.0, 6.0, 0.05)
-
-    def of(who, t):
-        laid = plan(jax.random.key(3), who, simulate.straight(20.0), 8)
-        return separated(moved(who, laid, *ticks(laid, t)).pose)
-
-    each = [jax.jit(of)(who, time) for who in people]
-    together = jax.jit(jax.vmap(of, in_axes=(0, None)))(jax.tree.map(lambda *v: np.stack(v), *people), time)
-    together, *each = jax.tree.map(np.asarray, [together, *each])
-    for i, one in enumerate(each):
-        for a, b in zip(jax.tree.leaves(together), jax.tree.leaves(one), strict=True):
-            np.testing.assert_allclose(a[i], b, rtol=0, atol=1e-10)
-    steady = person()
-    single = jax.jit(lambda who, t: of(who, t).shank_right.origin)  # the other segments are not compiled
-    narrow = single(jax.tree.map(lambda v: np.asarray(v, np.float32), steady), time.astype(np.float32))
-    for a, b in zip(narrow, jax.jit(of)(steady, time).shank_right.origin, strict=True):
-        assert a.dtype == jnp.float32
-        np.testing.assert_allclose(a, b, atol=2e-4)
-
-
 @pytest.mark.parametrize(
     ("along", "changes", "rise"),
     [
@@ -341,27 +303,26 @@ def test_impossible_gaits_are_refused_by_the_limit_they_break(change, error, mes
         simulate.recording(jax.random.key(0), person(**change))
 
 
-def test_impossible_bodies_sensors_and_rates_are_refused(unchecked):
-    short = Person(body=Person().body._replace(thigh_length=-0.4))
-    with pytest.raises(ValueError, match=r"Body\.thigh_length must be finite and in \[0\.1, 0\.8\]; got -0\.4"):
-        simulate.recording(jax.random.key(0), short)
-    with pytest.raises(ValueError, match="rate must be a positive number"):
-        simulate.recording(jax.random.key(0), rate=0.0)
-    with pytest.raises(ValueError, match="can wear sensors on .*; got 'wrist_left'"):
-        simulate.recording(jax.random.key(0), placements=("wrist_left",))
-    with pytest.raises(ValueError, match="places has 'shank_left', which is not among the placements foot_right"):
-        simulate.recording(jax.random.key(0), placements=("foot_right",), places={"shank_left": (0.0, 0.0, 0.0)})
-    with pytest.raises(ValueError, match=r"places\['foot_right'\] must be three numbers in m, .* got \(4, 0, 0\)"):
-        simulate.recording(jax.random.key(0), placements=("foot_right",), places={"foot_right": (4, 0, 0)})
-    with pytest.raises(ValueError, match=r"places\['foot_right'\] must be three numbers in m, .* got 'low'"):
-        simulate.recording(jax.random.key(0), placements=("foot_right",), places={"foot_right": "low"})
-    with pytest.raises(TypeError, match=r"a person is Person\(body=Body"):
-        simulate.recording(jax.random.key(0), Gait())
-    wall = simulate.route({"length": 1.0}, {"length": 4.0, "riser": 0.9}, {"length": 1.0})
-    with pytest.raises(ValueError, match="a leg of 0.859 m would be overstretched by .* mm on this route; raise knee"):
-        simulate.recording(jax.random.key(0), person(), wall)
-    with pytest.raises(ValueError, match=r"gyr and acc must both be \(T, 3\)"):
-        strapdown.integrate(jnp.zeros((5, 3)), jnp.zeros((4, 3)), 0.01, jnp.eye(3))
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("given", "kind", "message"),
+    [
+        ({"person": Person(body=Person().body._replace(thigh_length=-0.4))}, ValueError,
+         r"Body\.thigh_length must be finite and in \[0\.1, 0\.8\]; got -0\.4"),
+        ({"rate": 0.0}, ValueError, "rate must be a positive number"),
+        ({"placements": ("wrist_left",)}, ValueError, "can wear sensors on .*; got 'wrist_left'"),
+        ({"placements": ("foot_right",), "places": {"shank_left": (0.0, 0.0, 0.0)}}, ValueError,
+         "places has 'shank_left', which is not among the placements foot_right"),
+        ({"placements": ("foot_right",), "places": {"foot_right": (4, 0, 0)}}, ValueError,
+         r"places\['foot_right'\] must be three numbers in m, .* got \(4, 0, 0\)"),
+        ({"person": Gait()}, TypeError, r"a person is Person\(body=Body"),
+        ({"along": simulate.route({"length": 1.0}, {"length": 4.0, "riser": 0.9}, {"length": 1.0})}, ValueError,
+         "a leg of 0.859 m would be overstretched by .* mm on this route; raise knee"),
+    ],
+)  # fmt: skip
+def test_impossible_bodies_sensors_and_rates_are_refused(given, kind, message):
+    with pytest.raises(kind, match=message):
+        simulate.recording(jax.random.key(0), **{"person": person()} | given)
 
 
 def test_soft_tissue_moves_sensors_over_bones_that_stay_as_they_are():

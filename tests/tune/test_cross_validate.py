@@ -47,8 +47,9 @@ def test_each_subject_is_judged_by_the_mean_of_the_others():
         assert row["error_after"] == pytest.approx(np.mean((own - others(name)) ** 2))
         assert row["change"] == row["error_after"] - row["error_before"]
     np.testing.assert_allclose(found.params.x, [others(name) for name in "abcd"])
-    assert found.losses.shape == (4, 1)
-    assert not found.left_out.any()
+    assert found.losses.shape == (4, 1) and not found.left_out.any()
+    apart = run(error=lambda p, item: jnp.abs(p.x - item))
+    assert apart.table.loc["d", "error_after"] == pytest.approx(12.0 - others("d"))
 
 
 def test_it_equals_a_loop_over_fits():
@@ -81,11 +82,6 @@ def test_subjects_are_dealt_to_folds_whole():
         rest = DATA[[i not in set(part["item"]) for i in range(DATA.size)]].mean()
         np.testing.assert_allclose(part["error_after"], (DATA[part["item"]] - rest) ** 2)
         assert fold in (0, 1)
-
-
-def test_the_table_may_judge_by_something_else():
-    found = run(error=lambda p, item: jnp.abs(p.x - item))
-    assert found.table.loc["d", "error_after"] == pytest.approx(12.0 - others("d"))
 
 
 def test_known_values_of_each_subject_are_used_and_unknown_ones_refused():

@@ -1,6 +1,5 @@
 """Fits with what labs have: several people, several starts, a validation part, priors, bad recordings, power cuts."""
 
-import dataclasses
 import subprocess
 import sys
 from typing import Any, NamedTuple
@@ -162,9 +161,9 @@ class Cut(Exception):
     pass
 
 
-def _fit(file=None, report=None, steps=60, rate=0.1, data=READINGS):
+def _fit(file=None, report=None, steps=60, rate=0.1, data=READINGS, loss=likelihood):
     return tune.fit(
-        likelihood, START, Leg(per_subject(interval(0.1, 1.0)), positive, fixed), data, optax.adam(rate), steps=steps,
+        loss, START, Leg(per_subject(interval(0.1, 1.0)), positive, fixed), data, optax.adam(rate), steps=steps,
         subjects=PEOPLE, starts=2, minibatch=4, key=jax.random.key(3), checkpoint_file=file, progress=report, chunk=5,
     )  # fmt: skip
 
@@ -209,7 +208,9 @@ def test_killed_by_force_it_ends_with_the_same_bits():
 def test_a_checkpoint_of_another_fit_and_another_file_are_refused(tmp_path):
     file = tmp_path / "fit.npz"
     _fit(file)
-    for what, change in (("optimizer", {"rate": 0.2}), ("data", {"data": READINGS + 0.1}), ("settings", {"steps": 70})):
+    changes = {"optimizer": {"rate": 0.2}, "data": {"data": READINGS + 0.1}, "settings": {"steps": 70}}
+    changes["loss"] = {"loss": lambda p, item: 2.0 * likelihood(p, item)}
+    for what, change in changes.items():
         with pytest.raises(ValueError, match=f"belongs to another fit: {what} differ"):
             _fit(file, **change)
     file.write_text("a shopping list")
@@ -217,28 +218,7 @@ def test_a_checkpoint_of_another_fit_and_another_file_are_refused(tmp_path):
         _fit(file)
 
 
-@dataclasses.dataclass(frozen=True)
-class Power:
-    exponent: int
-
-    def __call__(self, p, x):
-        return (p.x - x) ** self.exponent
-
-
-def test_a_checkpoint_of_another_loss_is_refused(tmp_path):
-    def best(loss):
-        return tune.fit(
-            loss, Spot(1.0), Spot(positive), np.full(4, 2.0), optax.adam(0.3), steps=3, checkpoint_file=tmp_path / "fit"
-        )
-
-    one = best(Power(2))
-    assert best(Power(2)).params == one.params
-    for other in (Power(4), bowl):
-        with pytest.raises(ValueError, match="belongs to another fit: loss differ"):
-            best(other)
-
-
-def test_a_description_is_the_same_in_another_process_and_tells_values_apart(capsys):
+def test_descriptions_are_equal_in_another_process_and_tell_values_and_functions_apart(capsys, monkeypatch, tmp_path):
     code = "from jgait.estimators import leg_ekf\nfrom jgait.tune.checkpoint import described\nimport jax, numpy\n"
     code += "print(described((leg_ekf.estimator(), jax.random.key(1), {'a': numpy.arange(3)}, lambda x: x, object())))"
     other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -248,9 +228,7 @@ def test_a_description_is_the_same_in_another_process_and_tells_values_apart(cap
     assert described(default.prepare) != described(paper.prepare) and "rate_hz=50.0" in described(paper.prepare)
     assert described(np.arange(3.0)) != described(np.arange(1.0, 4.0))
     assert described(Spot(np.float64(0.1))) == described(Spot(jnp.asarray(0.1))) == "Spot(x=0.1)"
-
-
-def test_a_function_that_was_edited_is_another(tmp_path, monkeypatch):
+    assert described(optax.adam(0.1)) == described(optax.adam(0.1)) != described(optax.adam(0.2))
     monkeypatch.syspath_prepend(str(tmp_path))
     texts = []
     for power in (2, 3):
@@ -259,8 +237,6 @@ def test_a_function_that_was_edited_is_another(tmp_path, monkeypatch):
         function.__module__ = "edited"
         texts.append(described(function))
     assert texts[0] != texts[1] and all(text.startswith("edited.loss ") for text in texts)
-    # and by the values that it keeps, as an optimiser its rates
-    assert described(optax.adam(0.1)) == described(optax.adam(0.1)) != described(optax.adam(0.2))
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
-from made.models import Gauss, Line, Pair, Z, close, gauss, product, straight
+from made.models import Gauss, Line, Z, close, gauss, straight
 
 from jgait.params import fixed, positive, real
 from jgait.tune.profile import profile
@@ -44,16 +44,6 @@ def test_a_profile_through_a_transform_has_its_ends_in_natural_units():
     close(found.interval(), np.exp(0.3 + np.array([-Z, Z]) / np.sqrt(2.0)))
     close(found.interval(0.6826894921370859), np.exp(0.3 + np.array([-1.0, 1.0]) / np.sqrt(2.0)))
     close(found.rises, (np.log(found.values) - 0.3) ** 2)
-
-
-def test_a_flat_profile_is_reported():
-    found = profile(
-        product, Pair(1.5, 0.8, 0.5), Pair(positive, positive, fixed), np.linspace(0.2, 2.2, 41), "a1",
-        [0.5, 1.0, 2.0, 3.0], optax.adam(0.05), steps=300,
-    )  # fmt: skip
-    assert found.interval() == (None, None)
-    assert found.rises.max() < 1e-3
-    close(found.params.a1 * found.params.rollover_radius, np.full(4, 1.2), rtol=1e-3)
 
 
 def test_steps_into_the_void_are_taken_back_and_values_in_the_void_are_outside_the_interval():

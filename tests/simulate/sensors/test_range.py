@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.simulate.sensors import HC_SR04, Ranging, check_ranging, measure_range, nearest_point
+from jgait.simulate.sensors import HC_SR04, Ranging, check_ranging, measure_range
 
 RATE = 128.0
 T = 1024
@@ -49,21 +49,17 @@ def test_a_foot_too_near_or_too_far_has_no_range():
     assert np.isfinite(here.distance).all()
 
 
-def test_noise():
+def test_noise_and_late_echoes_are_as_stated():
     noisy = read(KEY, TIME, SENDER, RECEIVER, RIGHT, ALWAYS._replace(noise=0.002))
     error = np.asarray(noisy.distance) - DISTANCE
     assert error.mean() == pytest.approx(0.0, abs=6 * 0.002 / np.sqrt(T))
     assert error.std() == pytest.approx(0.002, rel=6.0 / np.sqrt(2 * T))
-
-
-def test_late_echoes_are_longer_and_as_frequent_as_stated():
     readings = read(KEY, TIME, SENDER, RECEIVER, RIGHT, ALWAYS._replace(outlier=0.3, outlier_size=0.4))
     error = np.asarray(readings.distance) - DISTANCE
     late = error > 1e-9
     assert np.all(np.abs(error[~late]) < 1e-12)
     assert late.mean() == pytest.approx(0.3, abs=6.0 * np.sqrt(0.21 / T))
     assert error[late].mean() == pytest.approx(0.4, rel=6.0 / np.sqrt(late.sum()))
-    assert np.median(error[late]) == pytest.approx(0.4 * np.log(2.0), rel=6.0 / np.log(2.0) / np.sqrt(late.sum()))
 
 
 def test_gradients_flow_to_positions():
@@ -76,13 +72,6 @@ def test_gradients_flow_to_positions():
     assert gradient == pytest.approx(np.sum(0.18 / DISTANCE[heard]), rel=1e-10)
     same = jax.jit(jax.grad(lambda at: jnp.sum(read(KEY, TIME, at, SENDER, RIGHT, HC_SR04).distance)))(SENDER)
     assert np.isfinite(same).all()
-
-
-def test_the_nearest_point_of_a_limb():
-    point = jnp.array([[1.0, 0.0, 0.5], [1.0, 0.0, 7.0], [1.0, 0.0, -3.0]])
-    start, end = jnp.zeros((3, 3)), jnp.asarray(np.tile([0.0, 0.0, 2.0], (3, 1)))
-    np.testing.assert_allclose(nearest_point(point, start, end)[:, 2], [0.5, 2.0, 0.0])
-    np.testing.assert_allclose(nearest_point(point, start, end)[:, :2], 0.0)
 
 
 @pytest.mark.parametrize(
