@@ -48,13 +48,18 @@ class Files:
         self.verified &= known
         return local
 
-    def find(self, path: str) -> Path | None:
-        """One file; None, with a note, if it is not on this computer."""
+    def find(self, path: str, absent: Note | None = None) -> Path | None:
+        """One file; None, with the note `absent`, if it is not on this computer."""
         try:
             return self.need(path)
         except registry.DatasetUnavailable as error:
-            how = f"jgait.datasets.fetch({error.dataset!r}) gets it"
-            self.notes.append(LEFT_OUT.note(f"{error.dataset} lacks {error.file}; {how}"))
+            self.notes.append(
+                LEFT_OUT.note(
+                    f"{error.dataset} lacks {error.file}; jgait.datasets.fetch({error.dataset!r}) gets it",
+                )
+                if absent is None
+                else absent
+            )
             return None
 
 

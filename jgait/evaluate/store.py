@@ -241,13 +241,15 @@ def read_table(path: Path, table: str) -> "pd.DataFrame":
     """
     import pandas as pd
 
-    numbers = [name for name in COLUMNS[table] if _TYPES.get(name, "float64") == "float64"]
-    cells = pd.read_csv(
-        path, dtype=dict.fromkeys(_TEXT, str), keep_default_na=False, na_values={name: ["", "nan"] for name in numbers},
-        float_precision="round_trip", encoding="utf-8",
-    )  # fmt: skip
-    lacking = [name for name in COLUMNS[table] if name not in cells]
+    # Cells are read as text and converted by Python: exact in every version of pandas, and a subject may be named NA.
+    text = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+    lacking = [name for name in COLUMNS[table] if name not in text]
     if lacking:
         raise ValueError(f"{path.name} has no column {lacking[0]!r}")
 
-    return frame(table, cells)
+    def cells(name: str) -> "np.ndarray | pd.Series | list[float]":
+        if _TYPES.get(name) == "bool":
+            return text[name] == "True"
+        return text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
+
+    return frame(table, {name: cells(name) for name in COLUMNS[table]})

@@ -21,11 +21,11 @@ def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
     return filtfilt(numerator, denominator, heading, axis=0)
 
 
-def path_walked(position: np.ndarray, rate_hz: float) -> np.ndarray:
+def path_walked(position: np.ndarray, rate_hz: float, smoothing_s: float = PATH_SMOOTHING_S) -> np.ndarray:
     """Length of the smoothed horizontal path since the first sample (T,) [m], of positions (T, 2) [m]."""
     from scipy.ndimage import gaussian_filter1d
 
-    smooth = gaussian_filter1d(position, PATH_SMOOTHING_S * rate_hz, axis=0, mode="nearest")
+    smooth = gaussian_filter1d(position, smoothing_s * rate_hz, axis=0, mode="nearest")
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(smooth, axis=0), axis=1))])
 
 

@@ -32,16 +32,18 @@ def write_xlsx(path, header, rows):
         return f"<c><v>{value}</v></c>"
 
     body = "".join("<row>" + "".join(cell(value) for value in row) + "</row>" for row in [header, *rows])
-    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-    package = "http://schemas.openxmlformats.org/package/2006/relationships"
-    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    schemas, main = "http://schemas.openxmlformats.org", "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    office = f"{schemas}/officeDocument/2006/relationships"
+
+    def related(kind, target):
+        one = f'<Relationship Id="r1" Type="{office}/{kind}" Target="{target}"/>'
+        return f'<Relationships xmlns="{schemas}/package/2006/relationships">{one}</Relationships>'
+
     sheet = '<sheets><sheet name="sensor_all" sheetId="1" r:id="r1"/></sheets>'
-    one = f'<Relationship Id="r1" Type="{office}/worksheet" Target="worksheets/sheet1.xml"/>'
-    book = f'<Relationship Id="r1" Type="{office}/officeDocument" Target="xl/workbook.xml"/>'
     parts = {
-        "_rels/.rels": f'<Relationships xmlns="{package}">{book}</Relationships>',
+        "_rels/.rels": related("officeDocument", "xl/workbook.xml"),
         "xl/workbook.xml": f'<workbook xmlns="{main}" xmlns:r="{office}">{sheet}</workbook>',
-        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{package}">{one}</Relationships>',
+        "xl/_rels/workbook.xml.rels": related("worksheet", "worksheets/sheet1.xml"),
         "xl/worksheets/sheet1.xml": f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>',
     }
     path.parent.mkdir(parents=True, exist_ok=True)

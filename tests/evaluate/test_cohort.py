@@ -255,13 +255,12 @@ class Killed(BaseException):
 def test_a_killed_run_goes_on_and_ends_the_same(tmp_path, monkeypatch, where):
     whole = evaluate.cohort(FAKE, range(30), read=read, batch=4)
     rng = np.random.default_rng(len(where))
-    state = {"fuse": 0, "reads": 0}
+    state, kills = {"fuse": 0, "reads": 0}, 0  # a list or a dictionary that a function keeps is no setting
 
     def burn(place):
-        if place == where:
-            state["fuse"] -= 1
-            if state["fuse"] == 0:
-                raise Killed
+        state["fuse"] -= place == where
+        if place == where and state["fuse"] == 0:
+            raise Killed
 
     def load(item):
         state["reads"] += 1
@@ -280,21 +279,22 @@ def test_a_killed_run_goes_on_and_ends_the_same(tmp_path, monkeypatch, where):
             path.write_text(text[: len(text) // 2])
         write(path, text)
 
+    def run():
+        return evaluate.cohort(FAKE, range(30), read=load, score=judge, out=tmp_path / "run", batch=4)
+
     monkeypatch.setattr("jgait.evaluate.store._write", written)
-    kills = 0
-    while True:
+    result = None
+    while result is None:
         # A run killed before a batch is finished gets nowhere.
         state["fuse"] = int(rng.integers(12, 20) if where == "read" else rng.integers(2, 14))
         try:
-            result = evaluate.cohort(FAKE, range(30), read=load, score=judge, out=tmp_path / "run", batch=4)
-            break
+            result = run()
         except Killed:
             kills += 1
-            assert kills < 100
-    assert kills >= 2
+    assert 2 <= kills < 100
     same(result, whole)
-    state["reads"], state["fuse"] = 0, 0
-    same(evaluate.cohort(FAKE, range(30), read=load, score=judge, out=tmp_path / "run", batch=4), whole)
+    state |= {"fuse": 0, "reads": 0}
+    same(run(), whole)
     assert state["reads"] == 0
 
 

@@ -48,10 +48,8 @@ def test_bland_altman_holds_the_limits_and_every_point():
 
 def test_many_subjects_share_one_mark():
     figure = cohort.bland_altman(table((2,) * (cohort.FEW + 1)), "length")
-    (axis,) = figure.axes
-    assert [len(one.get_offsets()) for one in axis.collections] == [2 * (cohort.FEW + 1)]
+    assert [len(one.get_offsets()) for one in figure.axes[0].collections] == [2 * (cohort.FEW + 1)]
     assert not figure.legends
-    assert axis.get_ylabel() == "estimate − reference"
 
 
 def test_each_subject_has_its_row_the_best_on_top():
@@ -73,13 +71,8 @@ def test_each_subject_has_its_row_the_best_on_top():
 
 
 def test_before_and_after_are_joined_and_the_worse_are_dashed():
-    changes = pd.DataFrame(
-        {
-            "subject": ["a", "b", "c", "C ", "d"],
-            "error_before": [1.0, 4.0, 2.0, 3.0, 0.5],
-            "error_after": [0.5, 5.0, 1.0, 1.0, 0.5],
-        }
-    )
+    changes = {"error_before": [1.0, 4.0, 2.0, 3.0, 0.5], "error_after": [0.5, 5.0, 1.0, 1.0, 0.5]}
+    changes = pd.DataFrame({"subject": ["a", "b", "c", "C ", "d"], **changes})
     figure = cohort.before_after(changes, unit="cm", name="|error of length|", title="tuned")
     (axis,) = figure.axes
     assert [text.get_text() for text in axis.get_yticklabels()] == ["b", "c", "a", "d"]
@@ -98,14 +91,16 @@ def test_before_and_after_are_joined_and_the_worse_are_dashed():
     assert axis.get_xlabel() == "|error of length| [cm]"
 
 
-def test_refusals_state_what_was_wrong():
-    with pytest.raises(ValueError, match=r"quantity must be among \['length'\]; got 'width'"):
-        cohort.bland_altman(table(), "width")
-    with pytest.raises(ValueError, match=r"\['quantity'\] missing"):
-        cohort.per_subject(table().drop(columns="quantity"), "length")
-    with pytest.raises(ValueError, match="none of the 16 rows of 'length'"):
-        cohort.per_subject(table().assign(estimate=np.nan), "length")
-    with pytest.raises(ValueError, match="at least two subjects; got 1"):
-        cohort.bland_altman(table((5,)), "length")
-    with pytest.raises(ValueError, match=r"\['error_before', 'error_after'\] missing"):
-        cohort.before_after(table())
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (lambda: cohort.bland_altman(table(), "width"), r"quantity must be among \['length'\]; got 'width'"),
+        (lambda: cohort.per_subject(table().drop(columns="quantity"), "length"), r"\['quantity'\] missing"),
+        (lambda: cohort.per_subject(table().assign(estimate=np.nan), "length"), "none of the 16 rows of 'length'"),
+        (lambda: cohort.bland_altman(table((5,)), "length"), "at least two subjects; got 1"),
+        (lambda: cohort.before_after(table()), r"\['error_before', 'error_after'\] missing"),
+    ],
+)
+def test_refusals_state_what_was_wrong(draw, message):
+    with pytest.raises(ValueError, match=message):
+        draw()
