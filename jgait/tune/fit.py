@@ -215,7 +215,7 @@ def fit[P](
         key: PRNG key of starts and minibatches.
         checkpoint_file: file in which the state is saved about twenty times. With the same file, an interrupted fit
             continues and ends with the same result; a finished fit returns its result at once. The file of another fit
-            is refused. Loss and optimizer are compared by their code and the values that they keep: name another file
+            is refused. Loss and optimizer are compared by their source and the values that they keep: name another file
             when other functions that the loss calls have changed.
         mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
             the whole `data` and returns the whole result.
