@@ -80,16 +80,12 @@ def test_missing_files_are_reported(folder):
     one = walks[NAME]
     assert one.info["ruler"] is None and one.info["footprints"] is not None
     assert any("own/SensorConnectData_77.mat" in note for note in texts(one.recording.notes))
+    ruler(folder, NAME, correct=0)
+    wrong = datasets.load("footprints", [NAME])[0]
+    assert wrong.reference is None and "not measured, or not correctly" in wrong.info["no_reference"]
     other = walks["SensorConnectData_78"]
     assert other.reference is None and other.info["footprints"] is None and other.info["speed"] is None
     assert "SensorConnectData_78_strideIndex" in other.info["no_reference"]
-
-
-def test_footprints_that_the_publisher_calls_wrong_are_not_used(folder):
-    ruler(folder, NAME, correct=0)
-    walk = datasets.load("footprints")[0]
-    assert walk.reference is None and walk.info["footprints"] is None and walk.info["ruler"] is None
-    assert "not measured, or not correctly" in walk.info["no_reference"]
 
 
 @pytest.mark.parametrize(

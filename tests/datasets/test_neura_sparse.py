@@ -163,12 +163,11 @@ def test_the_shank_gyroscope_is_the_shank_angles_rate_and_not_a_sample_off(walk,
 
 
 def test_distance_is_the_path_of_the_pelvis(walk):
+    distance, windows = walk.reference.distance, walk.info["windows"]
+    gained = {name: distance[end - 1] - distance[start] for name, (start, end) in windows.items()}
     for name in ("straight_1", "straight_2"):
-        start, end = walk.info["windows"][name]
+        start, end = windows[name]
         hips = sum(walk.info["joint_centres"][side]["hip"][:, :2] for side in ("right", "left")) / 2
-        net = np.linalg.norm(hips[end - 1] - hips[start])
-        assert walk.reference.distance[end - 1] - walk.reference.distance[start] == pytest.approx(net, rel=0.012)
-    start, end = walk.info["windows"]["whole"]
-    walked = walk.reference.distance[end - 1] - walk.reference.distance[start]
+        assert gained[name] == pytest.approx(np.linalg.norm(hips[end - 1] - hips[start]), rel=0.012)
     strides = [walk.info["ankle_strides"][side][:, 2].sum() for side in ("right", "left")]
-    assert walked == pytest.approx(np.mean(strides), rel=0.01)
+    assert gained["whole"] == pytest.approx(np.mean(strides), rel=0.01)

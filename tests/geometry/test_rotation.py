@@ -184,13 +184,7 @@ def test_gradient_of_between_equals_finite_differences(b):
         return as_array(between(as_vector(a), as_vector(b)))
 
     close(jax.jit(jax.jacrev(turned))(jnp.asarray(b)), finite_differences(jax.jit(turned), b), 1e-8)
-
-
-def test_gradient_of_between_is_finite_where_it_jumps():
-    """At opposite directions the shortest way is any: no gradient is right, but none is lost."""
-    for sign in (1.0, -1.0):
-        slope = jax.jit(jax.jacrev(lambda b: as_array(between(Vector(0.6, 0.0, 0.8), as_vector(b)))))
-        assert np.isfinite(slope(sign * jnp.asarray([0.6, 0.0, 0.8]))).all()
+    assert np.isfinite(jax.jit(jax.jacrev(turned))(-a)).all()  # where the shortest way is any, no gradient is lost
 
 
 def test_float32_stays_and_is_close_to_float64():

@@ -218,18 +218,6 @@ def test_gradients_are_finite_where_every_error_is_off():
     assert gradient.acc_bias != 0.0
 
 
-def test_mapping_equals_a_loop():
-    many = SMOOTH._replace(gyr_noise=np.array([0.0, 0.01, 0.1]), acc_bandwidth=np.array([9.0, np.inf, 4.0]))
-    axes = ImuErrors(*(0 if np.ndim(leaf) else None for leaf in many))
-    mapped = jax.jit(jax.vmap(measure, in_axes=(0, None, None, None, axes)))(KEYS[:3], TIME, GYR, ACC, many)
-    mapped = jax.tree.map(np.asarray, mapped)
-    for i in range(3):
-        one = SMOOTH._replace(gyr_noise=many.gyr_noise[i], acc_bandwidth=many.acc_bandwidth[i])
-        imu = read(KEYS[i], TIME, GYR, ACC, one)
-        np.testing.assert_allclose(mapped.gyr[i], imu.gyr, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(mapped.acc[i], imu.acc, rtol=0, atol=1e-10)
-
-
 def test_single_precision_stays_close_to_double():
     # the draws differ in the two precisions: what can be compared is what draws nothing
     errors = SMOOTH._replace(**{f"{s}_{e}": 0.0 for s in ("gyr", "acc") for e in ("noise", "bias", "drift", "scale")})
