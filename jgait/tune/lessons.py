@@ -192,19 +192,22 @@ def lengthened(lesson: Lesson, samples: int) -> Lesson:
 
 
 def _alike(lessons: list[Lesson], samples: int) -> Iterator[Lesson]:
-    """The lessons with so many samples, their references with the diagnostics and stride columns that all have, and as
-    many rows of strides; without strides if one has none.
+    """The lessons with so many samples, and their references with the diagnostics that all have, the columns of strides
+    that all tables have, and the rows of the longest table.
     """
     truths = [lesson.reference for lesson in lessons if lesson.reference is not None]
-    tables = [{k: np.asarray(v) for k, v in t.strides._asdict().items() if v is not None} if t.strides else {}
-              for t in truths]  # fmt: skip
-    rows = max((table["valid"].size for table in tables if table), default=0)
-    numbers, columns = (set.intersection(*map(set, each)) if each else set()
-                        for each in ([truth.diagnostics for truth in truths], tables))  # fmt: skip
-    for number, lesson in enumerate(lessons):
+    numbers = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
+    tables = [{name: np.asarray(column) for name, column in truth.strides._asdict().items() if column is not None}
+              for truth in truths if truth.strides is not None]  # fmt: skip
+    columns = set.intersection(*map(set, tables)) if tables else set()
+    longest = max(tables, key=lambda table: table["valid"].size, default={})
+    for lesson in lessons:
         if (truth := lesson.reference) is not None:
-            padded = {k: np.pad(tables[number][k], (0, rows - tables[number][k].size)) for k in columns}
-            strides = Strides(**(dict.fromkeys(Strides._fields) | padded)) if columns else None
+            padded = {name: np.zeros_like(longest[name]) for name in columns}
+            for name in columns if truth.strides is not None else ():
+                values = getattr(truth.strides, name)
+                padded[name][: len(values)] = values
+            strides = Strides(**(dict.fromkeys(Strides._fields) | padded)) if tables else None
             known = {name: truth.diagnostics[name] for name in sorted(numbers)}
             lesson = lesson._replace(reference=truth._replace(strides=strides, diagnostics=known))
         yield lengthened(lesson, samples)

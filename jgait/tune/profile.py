@@ -149,7 +149,6 @@ def profile(
     optimizer: optax.GradientTransformation | optax.MultiSteps,
     *,
     steps: int = 100,
-    batched: bool = True,
 ) -> Profile:
     """The loss with one parameter held at each value in turn and all other free parameters fitted.
 
@@ -167,7 +166,7 @@ def profile(
         raise ValueError(f"steps must be at least 1; got {steps}")
     at = coordinates(params, transforms)
     number, held = _values(at, name, values)
-    data, count = check_data(data, batched)
+    data, count = check_data(data, True)
     given = Problem(loss, transforms, None, None)
     known, items, _ = reduced(given, params, at.tree, Items(data, np.zeros(count, np.int32)))
 
