@@ -1,7 +1,6 @@
 """Figures of legs with their reference: joint angles, the foot relative to the hip, and distance."""
 
-from typing import Any
-
+import jax
 import numpy as np
 
 from jgait.plot.style import (
@@ -15,10 +14,11 @@ from jgait.plot.style import (
     Style,
     band,
     check_overlap,
+    legend,
     panels,
     windowed,
 )
-from jgait.types import SIDES, AnyArray, Estimate, Legs, LegTrajectory
+from jgait.types import SIDES, AnyArray, Estimate, LegTrajectory
 
 FIELDS = (
     ("hip_angle", "hip flexion [°]", DEGREES),
@@ -43,26 +43,21 @@ def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | 
     return worn
 
 
-def _name(axis: Axes, estimate: Estimate, side: str, **place: Any) -> None:
+def _name(axis: Axes, estimate: Estimate, side: str) -> None:
     """Write the side above an axis, and whether an analysis found that its angles are not usable."""
     usable = estimate.diagnostics.get(f"angles_valid_{side}", True)
-    axis.set_title(f"{side} leg" if usable else f"{side} leg: do not use", color="black" if usable else RED, **place)
+    axis.set_title(f"{side} leg" if usable else f"{side} leg: do not use", color="black" if usable else RED)
 
 
-def _shown(estimate: Estimate) -> Estimate:
-    """The estimate with NaN where it is not valid, for example before the first result."""
-    valid = np.asarray(estimate.valid, bool)
+def _shown(estimate: Estimate, seconds: Seconds) -> Estimate:
+    """The estimate with NaN where it is not valid, for example before the first result, and outside the window."""
+    visible = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
 
     def gapped(values: AnyArray) -> np.ndarray:
-        return np.where(valid, np.asarray(values, float), np.nan)
+        return np.where(visible, np.asarray(values, float), np.nan)
 
-    def legs(both: Legs) -> Legs:
-        return Legs(
-            *(None if leg is None else LegTrajectory(*map(gapped, leg)) for leg in both)
-        )  # fmt: skip
-
-    way = None if estimate.distance is None else gapped(estimate.distance)
-    return estimate._replace(legs=legs(estimate.legs), stddev=estimate.stddev and legs(estimate.stddev), distance=way)
+    legs, stddev, way = jax.tree.map(gapped, (estimate.legs, estimate.stddev, estimate.distance))
+    return estimate._replace(legs=legs, stddev=stddev, distance=way)
 
 
 def joint_angles(
@@ -94,63 +89,45 @@ def _over_time(
     title: str,
 ) -> Figure:
     """A figure with a row for each field of the legs' trajectories and a column for each leg."""
-    estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
-    worn = _worn(estimate)
     if seconds is not None:
         check_overlap(estimate.time, seconds)
+    estimate, reference = _shown(estimate, seconds), None if reference is None else _shown(reference, seconds)
+    worn = _worn(estimate)
     figure, axes = panels(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6, sharey="row")
-    part = windowed(estimate.time, seconds)
-    time = np.asarray(estimate.time)[part]
-    for column, (side, leg, spread) in enumerate(worn):
-        for row, (field, unit, scale) in enumerate(fields):
-            axis = axes[row, column]
-            value = scale * np.asarray(getattr(leg, field))[part]
+    for column, (side, leg, spread) in zip(axes.T, worn, strict=True):
+        true = None if reference is None else getattr(reference.legs, side)
+        for axis, (field, unit, scale) in zip(column, fields, strict=True):
+            value = scale * getattr(leg, field)
             if spread is not None:
-                band(axis, time, value, scale * np.asarray(getattr(spread, field))[part], color="#f0b7b0")
-            if reference is not None and getattr(reference.legs, side) is not None:
-                _reference(axis, reference, side, field, scale, seconds)
-            axis.plot(time, value, label="jgait", **ESTIMATE)
+                band(axis, estimate.time, value, scale * getattr(spread, field), color="#f0b7b0")
+            if reference is not None and true is not None:
+                axis.plot(reference.time, scale * getattr(true, field), label="reference", **REFERENCE)
+            axis.plot(estimate.time, value, label="jgait", **ESTIMATE)
             axis.set_ylabel(unit)
             axis.tick_params(labelleft=True)
-            if row == 0:
-                _name(axis, estimate, side, loc="left")
-    for axis in axes[-1]:
-        axis.set_xlabel("time [s]")
-    above = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 3, "frameon": False}
-    axes[0, -1].legend(fontsize=8, borderaxespad=0.1, columnspacing=1.0, handlelength=1.6, **above)
-    if title:
-        figure.suptitle(title)
+        _name(column[0], estimate, side)
+        column[-1].set_xlabel("time [s]")
+    legend(figure, title)
     return figure
-
-
-def _reference(axis: Axes, reference: Estimate, side: str, field: str, scale: float, seconds: Seconds) -> None:
-    part = windowed(reference.time, seconds)
-    values = scale * np.asarray(getattr(getattr(reference.legs, side), field))[part]
-    axis.plot(np.asarray(reference.time)[part], values, label="reference", **REFERENCE)
 
 
 def foot_path(
     estimate: Estimate, reference: Estimate | None = None, *, seconds: Seconds = None, title: str = ""
 ) -> Figure:
     """Path of the ankle relative to the hip, in the sagittal plane; as `joint_angles`."""
-    estimate, reference = _shown(estimate), None if reference is None else _shown(reference)
+    estimate, reference = _shown(estimate, seconds), None if reference is None else _shown(reference, seconds)
     worn = _worn(estimate)
     figure, axes = panels(1, len(worn), 4.8 * len(worn) + 0.6, 3.6)
-    part = windowed(estimate.time, seconds)
-    for column, (side, leg, _) in enumerate(worn):
-        axis = axes[0, column]
-        if reference is not None and getattr(reference.legs, side) is not None:
-            true = getattr(reference.legs, side)
-            span = windowed(reference.time, seconds)
-            axis.plot(100 * np.asarray(true.x)[span], 100 * np.asarray(true.y)[span], label="reference", **REFERENCE)
-        axis.plot(100 * np.asarray(leg.x)[part], 100 * np.asarray(leg.y)[part], label="jgait", **ESTIMATE)
+    for axis, (side, leg, _) in zip(axes[0], worn, strict=True):
+        true = None if reference is None else getattr(reference.legs, side)
+        if true is not None:
+            axis.plot(100.0 * true.x, 100.0 * true.y, label="reference", **REFERENCE)
+        axis.plot(100.0 * leg.x, 100.0 * leg.y, label="jgait", **ESTIMATE)
         axis.set_aspect("equal", adjustable="datalim")
         axis.set_xlabel("ankle forward of hip [cm]")
         _name(axis, estimate, side)
     axes[0, 0].set_ylabel("ankle above hip [cm]")
-    axes[0, 0].legend(loc="upper center", fontsize=8, framealpha=0.9)
-    if title:
-        figure.suptitle(title)
+    legend(figure, title)
     return figure
 
 
@@ -178,12 +155,9 @@ def distance(
     axis = axes[0, 0]
 
     def draw(what: Estimate, name: str, style: Style) -> None:
-        what = _shown(what)
-        part = windowed(what.time, seconds)
-        values = np.asarray(what.distance)[part]
+        values = _shown(what, seconds).distance
         finite = np.flatnonzero(np.isfinite(values))
-        from_start = values - values[finite[0]] if finite.size else values
-        axis.plot(np.asarray(what.time)[part], from_start, label=name, **style)
+        axis.plot(what.time, values - values[finite[0]] if finite.size else values, label=name, **style)
 
     for number, (name, other) in enumerate((others or {}).items()):
         draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": OTHERS[number % len(OTHERS)]})
