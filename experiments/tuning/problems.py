@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from experiments.common import protocols
 from experiments.common.sets import datasets
@@ -16,6 +17,7 @@ from jgait.estimators.leg_ekf import PAPER
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf.model import LegModelParams, LegState
 from jgait.tune import Lesson, Lessons, losses
+from jgait.tune.lessons import lengthened
 from jgait.types import Estimate, Walk
 
 RATE_HZ = 100.0
@@ -112,12 +114,13 @@ def walks(key: Any, people: int, dtype: Any) -> Lessons:
     found = protocols.bennett(key, people, rate=RATE_HZ, placements=worn)
     made = tune.lessons(
         leg_ekf.estimator(GYROSCOPES), [Walk(one.recording, one.truth.estimate, {}) for one in found],
-        body=datasets.body, samples=round(RATE_HZ * SECONDS),
+        body=datasets.body,
     )  # fmt: skip
     if made.failures:
         raise RuntimeError(f"simulated walks that cannot be used: {made.failures}")
-    cast = jax.tree.map(lambda v: v.astype(dtype) if v.dtype.kind == "f" else v, made.data)
-    return made._replace(data=cast)
+    longer = [lengthened(made.lesson(i), round(RATE_HZ * SECONDS)) for i in range(len(made.names))]
+    data = jax.tree.map(lambda *leaves: np.stack(leaves), *longer)
+    return made._replace(data=jax.tree.map(lambda v: v.astype(dtype) if v.dtype.kind == "f" else v, data))
 
 
 def absolute(estimate: Estimate, lesson: Lesson) -> Any:

@@ -5,6 +5,7 @@ is atomic: if the process is killed at any moment, only the unfinished batch is 
 """
 
 import json
+import math
 import os
 import shutil
 import time
@@ -247,9 +248,9 @@ def read_table(path: Path, table: str) -> "pd.DataFrame":
     if lacking:
         raise ValueError(f"{path.name} has no column {lacking[0]!r}")
 
-    def cells(name: str) -> "np.ndarray | pd.Series | list[float]":
+    def cells(name: str) -> Sequence[Any]:
         if _TYPES.get(name) == "bool":
-            return text[name] == "True"
-        return text[name].to_numpy(dtype=object) if name in _TEXT else [float(v) if v else np.nan for v in text[name]]
+            return [cell == "True" for cell in text[name]]
+        return list(text[name]) if name in _TEXT else [float(cell) if cell else math.nan for cell in text[name]]
 
     return frame(table, {name: cells(name) for name in COLUMNS[table]})

@@ -27,9 +27,6 @@ FIELDS = (
     ("y", "ankle above hip [cm]", 100.0),
 )
 
-OTHERS = (":", "-.", (0, (6, 2)), (0, (1, 3)), (0, (4, 1, 1, 1, 1, 1)), (0, (10, 3)))
-"""Styles of lines of other distances, as many as there are sources."""
-
 TINY = 1e-6
 """[m] Least distance by which the band of a distance is scaled, so that it is none if nobody walks."""
 
@@ -131,40 +128,29 @@ def foot_path(
     return figure
 
 
-def distance(
-    estimate: Estimate,
-    reference: Estimate | None = None,
-    *,
-    seconds: Seconds = None,
-    title: str = "",
-    others: dict[str, Estimate] | None = None,
-) -> Figure:
-    """Walked distance over time, from the start of the window, over the reference, dashed, and `others`, in grey.
+def distance(estimate: Estimate, reference: Estimate | None = None, *, title: str = "") -> Figure:
+    """Walked distance over time, over the reference, dashed.
 
-    The band of two standard deviations is drawn if the diagnostics have `distance_stddev` and no window is given. A
-    deviation of the whole distance alone is drawn in proportion to the distance so far.
+    The band of two standard deviations is drawn if the diagnostics have `distance_stddev`. A deviation of the whole
+    distance alone is drawn in proportion to the distance so far.
 
     Raises:
-        ValueError: if the estimate has no distance, or the window no sample.
+        ValueError: if the estimate has no distance.
     """
     if estimate.distance is None:
         raise ValueError("the estimate has no distance: no walking was found, or its sensors do not measure it")
-    if seconds is not None:
-        check_overlap(estimate.time, seconds)
     figure, axes = panels(1, 1, 6.4, 3.8)
     axis = axes[0, 0]
 
     def draw(what: Estimate, name: str, style: Style) -> None:
-        values = _shown(what, seconds).distance
+        values = _shown(what, None).distance
         finite = np.flatnonzero(np.isfinite(values))
         axis.plot(what.time, values - values[finite[0]] if finite.size else values, label=name, **style)
 
-    for number, (name, other) in enumerate((others or {}).items()):
-        draw(other, name, {"color": "0.55", "linewidth": 1.2, "linestyle": OTHERS[number % len(OTHERS)]})
     if reference is not None and reference.distance is not None:
         draw(reference, "reference", REFERENCE)
     spread = estimate.diagnostics.get("distance_stddev")
-    if spread is not None and seconds is None:
+    if spread is not None:
         way = np.asarray(estimate.distance, float)
         if np.size(spread) == 1:  # of the whole walk
             gained = way - way[0]

@@ -191,10 +191,11 @@ def lengthened(lesson: Lesson, samples: int) -> Lesson:
     return lesson._replace(inputs=inputs, reference=truth, look=look, standing=standing)
 
 
-def _alike(lessons: list[Lesson], samples: int) -> Iterator[Lesson]:
-    """The lessons with so many samples, and their references with the diagnostics that all have, the columns of strides
-    that all tables have, and the rows of the longest table.
+def _alike(lessons: list[Lesson]) -> Iterator[Lesson]:
+    """The lessons with as many samples as the longest has, and their references with the diagnostics and the columns of
+    strides that all have, and as many strides as the longest table has.
     """
+    samples = max(lesson.look.size for lesson in lessons)
     truths = [lesson.reference for lesson in lessons if lesson.reference is not None]
     numbers = set.intersection(*(set(truth.diagnostics) for truth in truths)) if truths else set()
     tables = [{name: np.asarray(column) for name, column in truth.strides._asdict().items() if column is not None}
@@ -220,7 +221,6 @@ def lessons(
     body: Callable[[Walk], dict[str, PyTree]] | None = None,
     windows: Callable[[Walk, Prepared[PyTree]], Windows] | None = None,
     reference: bool = True,
-    samples: int | None = None,
 ) -> Lessons:
     """Prepare walks for a fit; a walk that cannot be used is a failure and does not stop the others.
 
@@ -234,7 +234,6 @@ def lessons(
             whichever parameters are fitted; None for none.
         windows: (walk, prepared) → `Windows`; None: the whole walk, relative to the standing detected.
         reference: whether a reference is needed; if False, none is kept, for losses without a reference.
-        samples: length to which all walks are padded; None for the longest walk's length.
 
     Returns:
         The lessons, stacked; the references with the scalar diagnostics and the columns of strides that all have.
@@ -248,11 +247,7 @@ def lessons(
     for walk in walks:
         check_kind(walk, Walk, "walks must be jgait.types.Walk(recording, reference, info)")
         try:
-            item = _item(estimator, walk, body, windows, reference)
-            have = item.lesson.look.size
-            if samples is not None and have > samples:
-                raise RecordingError(f"it has {have} samples, more than the {samples} asked for")
-            items.append(item)
+            items.append(_item(estimator, walk, body, windows, reference))
         except ImportError:
             raise
         except Exception as error:  # an error in one walk must not stop the others
@@ -268,7 +263,7 @@ def lessons(
         (item.name, _difference(form, forms[usual]))
         for item, form in zip(items, forms, strict=True) if form != forms[usual]
     ]  # fmt: skip
-    padded = list(_alike([item.lesson for item in kept], samples or max(item.lesson.look.size for item in kept)))
+    padded = list(_alike([item.lesson for item in kept]))
     data = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *padded)
     subjects, days = (tuple(people(getattr(item, field) for item in kept)) for field in ("subject", "day"))
     return Lessons(data, kept[0].options, subjects, days, tuple(item.name for item in kept), tuple(failures))

@@ -122,7 +122,7 @@ def trajectory(
 
 def _finite(values: Values, also: AnyArray) -> Array:
     """(n,) True where `also` is True and the values are finite."""
-    return also & jnp.isfinite(jnp.asarray(values))
+    return jnp.asarray(also) & jnp.isfinite(jnp.asarray(values))
 
 
 def _duration(strides: Strides, standing: bool) -> Array:
