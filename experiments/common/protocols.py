@@ -16,7 +16,7 @@ from jgait import simulate
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate import Person, Route, Truth
 from jgait.simulate.ranged import SKIN
-from jgait.simulate.sensors import FREESENSE, IDG300, MPU6000, OPAL, ImuErrors
+from jgait.simulate.sensors import DEGREE, IDG300, MPU6000, OPAL, ImuErrors
 from jgait.types import Recording
 
 
@@ -214,6 +214,27 @@ def potter(
 
 
 SIDEWAYS = 2.0 * math.pi / 3.0 / math.sqrt(3.0)
+
+FREESENSE = ImuErrors(
+    gyr_noise=0.03 * DEGREE,
+    gyr_bias=0.5 * DEGREE,
+    gyr_drift=0.01 * DEGREE,
+    gyr_scale=0.01,
+    gyr_range=500.0 * DEGREE,
+    gyr_resolution=0.2441 * DEGREE,
+    acc_noise=300e-6 * GRAVITY,
+    acc_bias=0.02 * GRAVITY,
+    acc_scale=0.01,
+    acc_range=2.0 * GRAVITY,
+    acc_resolution=0.0096,
+    mounting=5.0 * DEGREE,
+)
+"""A Sensorize FreeSense at the waist, sampled at 100 Hz.
+
+Printed by Köse, Cereatti and Della Croce: steps of 0.0096 m/s² and 0.2441 °/s, 100 Hz. Worked out from them: ±2 g and
+±500 °/s are 4096 such steps, so a 12-bit converter. Chosen: everything else.
+"""
+
 RIGHT_SIDE = FREESENSE._replace(mounting_x=SIDEWAYS, mounting_y=SIDEWAYS, mounting_z=-SIDEWAYS)
 """A FreeSense in the orientation in which it is worn: x axis down, y forward, z to the right."""
 

@@ -8,11 +8,11 @@ differentiated.
 from jgait.geometry.rotation import turn
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors.imu import DEGREE, ImuErrors, check_errors, measure
-from jgait.simulate.sensors.presets import FREESENSE, HC_SR04, IDEAL, IDG300, MPU6000, ON_SHOE, OPAL
+from jgait.simulate.sensors.presets import HC_SR04, IDEAL, IDG300, MPU6000, ON_SHOE, OPAL
 from jgait.simulate.sensors.range import Ranging, check_ranging, measure_range, nearest_point
 from jgait.types import RangeReadings
 
 __all__ = [
-    "DEGREE", "FREESENSE", "GRAVITY", "HC_SR04", "IDEAL", "IDG300", "MPU6000", "ON_SHOE", "OPAL", "ImuErrors",
+    "DEGREE", "GRAVITY", "HC_SR04", "IDEAL", "IDG300", "MPU6000", "ON_SHOE", "OPAL", "ImuErrors",
     "RangeReadings", "Ranging", "check_errors", "check_ranging", "measure", "measure_range", "nearest_point", "turn",
 ]  # fmt: skip

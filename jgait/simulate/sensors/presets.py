@@ -95,26 +95,6 @@ Printed in Potter's paper on stride width: ±200 g, ±2000 °/s, 128 Hz. Chosen:
 12 and 16 bits, the accelerometer's noise that of a part made for 200 g; no source for them was available.
 """
 
-FREESENSE = ImuErrors(
-    gyr_noise=0.03 * DEGREE,
-    gyr_bias=0.5 * DEGREE,
-    gyr_drift=0.01 * DEGREE,
-    gyr_scale=0.01,
-    gyr_range=500.0 * DEGREE,
-    gyr_resolution=0.2441 * DEGREE,
-    acc_noise=300e-6 * GRAVITY,
-    acc_bias=0.02 * GRAVITY,
-    acc_scale=0.01,
-    acc_range=2.0 * GRAVITY,
-    acc_resolution=0.0096,
-    mounting=5.0 * DEGREE,
-)
-"""A Sensorize FreeSense at the waist, sampled at 100 Hz.
-
-Printed by Köse, Cereatti and Della Croce: steps of 0.0096 m/s² and 0.2441 °/s, 100 Hz. Worked out from them: ±2 g and
-±500 °/s are 4096 such steps, so a 12-bit converter. Chosen: everything else.
-"""
-
 HC_SR04 = Ranging(
     rate_hz=30.0,
     noise=0.002,
