@@ -114,30 +114,20 @@ def server(tmp_path, monkeypatch):
         thread.join()
 
 
-def test_fetch_puts_files_at_their_upstream_paths(little, server, empty, monkeypatch):
-    monkeypatch.delenv(registry.DATA_DIR_VARIABLE)
-    (server / "a b").mkdir()
-    for path in ("a b/one.txt", "two.txt"):
-        (server / path).write_bytes(GOOD)
-    folder = datasets.fetch("little")
-    assert folder == datasets.path("little") == empty / "cache" / "jgait" / "little"
-    assert datasets.missing("little") == ()
-    assert datasets.file("little", "a b/one.txt") == (folder / "a b" / "one.txt", True)
-    (server / "two.txt").unlink()
-    assert datasets.fetch("little") == folder, "what is there is not fetched again"
-
-
-def test_what_the_own_folder_lacks_is_fetched_beside_it(little, server):
+def test_what_the_own_folder_lacks_is_fetched_once_beside_it(little, server, empty):
     (little / "two.txt").write_bytes(GOOD)
     (server / "a b").mkdir()
     (server / "a b" / "one.txt").write_bytes(GOOD)
-    cache = datasets.fetch("little")
-    assert datasets.path("little") == little
-    assert datasets.missing("little") == ()
+    states = []
+    cache = datasets.fetch("little", progress=lambda *state: states.append(state))
+    assert states[-1] == ("a b/one.txt", len(GOOD), len(GOOD)) and cache == empty / "cache" / "jgait" / "little"
+    assert datasets.path("little") == little and datasets.missing("little") == ()
     assert datasets.file("little", "two.txt")[0] == little / "two.txt"
     assert datasets.file("little", "a b/one.txt") == (cache / "a b" / "one.txt", True)
     assert not (little / "a b").exists()
     assert registry.listing("little", "", "*.txt") == ["a b/one.txt", "two.txt"]
+    (server / "a b" / "one.txt").unlink()
+    assert datasets.fetch("little") == cache, "what is there is not fetched again"
 
 
 @pytest.mark.parametrize("content, kind, reason", [
@@ -155,18 +145,14 @@ def test_fetch_states_why_a_file_did_not_come(little, server, empty, monkeypatch
         datasets.fetch("little", ["three.txt"])
 
 
-def test_the_command_fetches_under_a_bar_with_the_packages_of_its_extra(little, server, monkeypatch, capsys):
+def test_the_command_fetches_into_the_cache_with_the_packages_of_its_extra(little, server, monkeypatch, capsys):
     monkeypatch.delenv(registry.DATA_DIR_VARIABLE)
     monkeypatch.setitem(sys.modules, "tqdm", None)
     (server / "a b").mkdir()
     for path in ("a b/one.txt", "two.txt"):
         (server / path).write_bytes(GOOD)
-    states = []
-    datasets.fetch("little", ["a b/one.txt"], progress=lambda *state: states.append(state))
-    assert states[-1] == ("a b/one.txt", len(GOOD), len(GOOD))
     command.fetch_set("little")
-    assert capsys.readouterr().out.strip() == str(registry._cache("little"))
-    assert datasets.missing("little") == ()
+    assert capsys.readouterr().out.strip() == str(datasets.path("little")) and datasets.missing("little") == ()
 
 
 def test_without_a_network_the_command_says_so_in_one_sentence(little, server, monkeypatch, capsys):
