@@ -204,11 +204,12 @@ def _alike(lessons: list[Lesson]) -> Iterator[Lesson]:
     longest = max(tables, key=lambda table: table["valid"].size, default={})
     for lesson in lessons:
         if (truth := lesson.reference) is not None:
-            padded = {name: np.zeros_like(longest[name]) for name in columns}
+            padded: dict[str, PyTree] = {name: np.zeros_like(longest[name]) for name in columns}
             for name in columns if truth.strides is not None else ():
                 values = getattr(truth.strides, name)
                 padded[name][: len(values)] = values
-            strides = Strides(**(dict.fromkeys(Strides._fields) | padded)) if tables else None
+            empty: dict[str, PyTree] = dict.fromkeys(Strides._fields)
+            strides = Strides(**(empty | padded)) if tables else None
             known = {name: truth.diagnostics[name] for name in sorted(numbers)}
             lesson = lesson._replace(reference=truth._replace(strides=strides, diagnostics=known))
         yield lengthened(lesson, samples)
