@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from experiments.common import protocols
 from experiments.common.sets import datasets
@@ -17,7 +16,6 @@ from jgait.estimators.leg_ekf import PAPER
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf.model import LegModelParams, LegState
 from jgait.tune import Lesson, Lessons, losses
-from jgait.tune.lessons import lengthened
 from jgait.types import Estimate, Walk
 
 RATE_HZ = 100.0
@@ -109,7 +107,7 @@ GYROSCOPES = PAPER._replace(rate_hz=None, median=1, distance="forward")
 
 
 def walks(key: Any, people: int, dtype: Any) -> Lessons:
-    """Walks of the leg protocol, right leg, padded to ten seconds, in the given precision."""
+    """Walks of the leg protocol, right leg, in the given precision."""
     worn = ("thigh_right", "shank_right")
     found = protocols.bennett(key, people, rate=RATE_HZ, placements=worn)
     made = tune.lessons(
@@ -118,9 +116,8 @@ def walks(key: Any, people: int, dtype: Any) -> Lessons:
     )  # fmt: skip
     if made.failures:
         raise RuntimeError(f"simulated walks that cannot be used: {made.failures}")
-    longer = [lengthened(made.lesson(i), round(RATE_HZ * SECONDS)) for i in range(len(made.names))]
-    data = jax.tree.map(lambda *leaves: np.stack(leaves), *longer)
-    return made._replace(data=jax.tree.map(lambda v: v.astype(dtype) if v.dtype.kind == "f" else v, data))
+    cast = jax.tree.map(lambda v: v.astype(dtype) if v.dtype.kind == "f" else v, made.data)
+    return made._replace(data=cast)
 
 
 def absolute(estimate: Estimate, lesson: Lesson) -> Any:
