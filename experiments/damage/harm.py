@@ -340,4 +340,7 @@ FAULTS: dict[str, Damage] = {
     "called foot, or shank": called_on("foot", "shank"),
     "called thigh, or lower back": called_on("thigh", "lower_back"),
 }
-"""What a laboratory states wrongly, and what wears out slowly; with `DAMAGES`, kinds of misuse."""
+"""What a laboratory states wrongly, and what wears out slowly."""
+
+MISUSE = DAMAGES | FAULTS
+"""All that is done to walks."""

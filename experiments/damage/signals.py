@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.common import protocols, recordings
 from experiments.common.row import Row, show
-from experiments.damage.harm import DAMAGES, FAULTS, Damage, Rows, read, rows_of
+from experiments.damage.harm import DAMAGES, MISUSE, Damage, Rows, read, rows_of
 from jgait import simulate
 from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.combined import analyse
@@ -31,9 +31,6 @@ HARMED = {"leg_ekf": ("shank_right", "thigh_left"), "duty_cycled_gyro": ("shank_
           "ankle_stride": ("shank_right",), "foot_ins": ("foot_right",), "waist": ("pelvis",),
           "stride_width_ekf": ("foot_left",), "combined": ("shank_right", "foot_right", "pelvis")}  # fmt: skip
 """Estimator → the sensors that are damaged, one at a time."""
-
-MISUSE = DAMAGES | FAULTS
-"""All that is done to walks."""
 
 LINE, OF = "estimates of damaged walks, wrong by more than 5 % or 5°", "estimates"
 LARGE_PCT, LARGE_DEG, LARGE_M = 5.0, 5.0, 0.01

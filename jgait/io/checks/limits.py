@@ -63,6 +63,9 @@ FROZEN_RUN, FROZEN_S, STOPPED_S, STOPPED = 8, 0.05, 1.0, 10.0
 do not turn); [s], [1] shortest one to the end of a recording, and its length over that of other such times, as at
 rest."""
 
+AS_USUAL = 0.5
+"""[1] Least spread of the other axes while one is stuck, over that of the recording."""
+
 FROZEN_STEPS, FROZEN_CHANGE, TURNING = 10.0, {"gyr": 0.1, "acc": 1.0}, 0.3
 """[steps of the resolution], [rad/s, m/s²] Least change at the end of that time; [rad/s] mean rate in it with which an
 accelerometer cannot repeat its reading."""

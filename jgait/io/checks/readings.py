@@ -191,7 +191,8 @@ def _long_runs(same: np.ndarray, rate: float) -> list[tuple[int, int]]:
 
 def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, axis: int | None, rate: float) -> list[tuple[int, int]]:
     """First and last samples of stretches in which a sensor, or one axis of it, repeats its reading although the sensor
-    turns, and then jumps; or repeats it to the end of the recording.
+    turns, and then jumps; in which an axis repeats one as never else while the other axes move; or to the end of the
+    recording.
     """
     change = np.abs(np.diff(values, axis=0))
     whole = ~change.any(axis=1)
@@ -204,7 +205,8 @@ def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, axis: int | None, rat
     low, high = np.nanmin(column, axis=0), np.nanmax(column, axis=0)
     # a turn about its own axis does not change an accelerometer's reading
     across = gyr if kind == "gyr" or axis is None else np.delete(gyr, axis, axis=1)
-    others = max((e - s for s, e in true_runs(whole) if e < len(whole)), default=1)
+    others = values if axis is None else np.delete(values, axis, axis=1)
+    repeats = true_runs(whole if axis is None else change[:, axis] == 0.0)
     stuck = []
     for start, end in runs:
         reading, rates = column[start], np.abs(across[start : end + 1])
@@ -213,10 +215,13 @@ def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, axis: int | None, rat
         ends = [steps[k] for k in (start - 1, end) if 0 <= k < len(steps)]
         jumps = any(((e > at.FROZEN_STEPS * resolution) & (e > at.FROZEN_CHANGE[kind])).any() for e in ends)
         late = axis is None and end == len(whole) and start >= at.STOPPED_S * rate
-        long = end - start >= max(at.STOPPED_S * rate, at.STOPPED * others)
+        longest = max((e - s for s, e in repeats if (s, e) != (start, end)), default=1)
+        long = end - start >= max(at.STOPPED_S * rate, at.STOPPED * longest)
         # a coarse accelerometer repeats its reading in standing
         rests = kind == "acc" and np.nansum(np.abs(np.diff(gyr[start : end + 1], axis=0))) > 0.0
-        if (turns and jumps and not clipped) or (late and long and not rests):
+        partly = axis is not None and end - start < len(whole)
+        alone = partly and long and np.nanstd(others[start : end + 1]) > at.AS_USUAL * np.nanstd(others)
+        if (((turns and jumps) or alone) and not clipped) or (late and long and not rests):
             stuck.append((start, end))
     return stuck
 
