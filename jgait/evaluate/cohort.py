@@ -1,8 +1,9 @@
 """One estimator on a cohort: a bad recording does not stop the others, and an interrupted run can be continued."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Callable, Generator, Iterable, Iterator, Sized
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +13,8 @@ from jaxtyping import PyTree
 
 from jgait.estimators.interface import Estimator
 from jgait.evaluate import scores
-from jgait.evaluate.buckets import CohortJob, checked_mesh, evaluated
-from jgait.evaluate.dask import on_dask
+from jgait.evaluate.buckets import CohortJob, Failed, checked_mesh, evaluated, tables
+from jgait.evaluate.dask import DIED, on_dask
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, joined
 from jgait.params import check_params
@@ -135,7 +136,7 @@ def cohort(
     named = _named(items, read is not None, frozenset() if store is None else store.done(), rank, processes, names)
     kept: list[Cohort] = []
     finished = failed = 0
-    with closing(evaluated(job, named) if client is None else on_dask(job, named, client)) as parts:
+    with closing(evaluated(job, named) if client is None else _on_dask(job, named, client)) as parts:
         for part in parts:
             kept.append(part) if store is None else store.append(part)
             finished += len(part.recordings) + len(part.failures)
@@ -147,6 +148,17 @@ def cohort(
     if processes > 1:
         store.wait(names)
     return store.tables()
+
+
+def _on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client") -> Generator[Cohort]:
+    """The tables of each group of `job.batch` items, from the workers of a cluster."""
+    with closing(on_dask(partial(_evaluated, job), items, client, job.batch)) as results:
+        for group, part in results:
+            yield tables([], [Failed(name, "", DIED) for name, _ in group]) if part is None else part
+
+
+def _evaluated(job: CohortJob, items: tuple[tuple[str, PyTree], ...]) -> Cohort:
+    return joined(evaluated(job, items))
 
 
 def _named(

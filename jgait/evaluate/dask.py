@@ -1,15 +1,12 @@
-"""A cohort on the workers of a Dask cluster; Dask is imported only where it is used."""
+"""Work on the workers of a Dask cluster; Dask is imported only where it is used."""
 
 import time
-from collections.abc import Generator, Iterable
-from itertools import islice
+from collections.abc import Callable, Generator, Iterable
+from itertools import batched, islice
 from typing import TYPE_CHECKING
 
 import jax
 from jaxtyping import PyTree
-
-from jgait.evaluate.buckets import CohortJob, Failed, evaluated, tables
-from jgait.evaluate.store import Cohort, joined
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -20,33 +17,38 @@ QUEUED = 3
 POLL = 0.05
 """[s] Time between two looks for workers that joined, while no task is finished."""
 
-
-def task(job: CohortJob, items: list[tuple[str, PyTree]]) -> Cohort:
-    """Evaluate a group of items in a worker, in the precision of the sender."""
-    with jax.enable_x64(job.x64):
-        return joined(evaluated(job, items))
+DIED = "its worker process died, time and again"
+"""Why an item has no result."""
 
 
-def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client") -> Generator[Cohort]:
-    """Submit a task for each group of `job.batch` items; yields the tables of each task when it is finished.
+def on_dask[Item, T](
+    function: Callable[[tuple[Item, ...]], T], items: Iterable[Item], client: "Client", size: int = 1
+) -> Generator[tuple[tuple[Item, ...], T | None]]:
+    """Apply a function to groups of items; yields each group with its result when it is finished.
 
     The number of tasks in flight follows the number of workers, which may join and leave at any time. If a worker dies,
-    Dask runs its task on another worker. If the workers of a task die repeatedly, its items are run one by one at the
-    end, with no other task on the cluster, so that only the item that kills the worker is lost.
+    Dask runs its tasks on another worker. If the workers of a task die repeatedly, its items are run one by one at the
+    end, with no other task on the cluster, so that only the item that kills its worker has no result, but None.
+
+    Args:
+        function: runs in a worker, in the precision of the caller; it is sent once, by cloudpickle.
+        items: what it is applied to, taken as there is room.
+        client: client of the cluster.
+        size: number of items in a group.
     """
     from distributed import as_completed
 
-    rest = iter(items)
-    groups = iter(lambda: list(islice(rest, job.batch)), [])
-    # The worker keeps the job, and with the job its compiled programs.
-    shared = client.submit(_same, job, pure=False)
-    sent: dict[PyTree, list[tuple[str, PyTree]]] = {}
-    alone: list[tuple[str, PyTree]] = []
+    groups = batched(items, size)
+    # The worker keeps the function, and with the function its compiled programs.
+    shared = client.submit(_same, function, pure=False)
+    wide = bool(jax.config.jax_enable_x64)
+    sent: dict[PyTree, tuple[Item, ...]] = {}
+    alone: list[Item] = []
     finished = as_completed()
     while True:
         room = QUEUED * max(1, sum(client.nthreads().values())) - len(sent)
         for group in islice(groups, max(0, room)):
-            future = client.submit(task, shared, group, pure=False)
+            future = client.submit(_applied, shared, group, wide, pure=False)
             sent[future] = group
             finished.add(future)
         if not sent:
@@ -55,23 +57,26 @@ def on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client
             time.sleep(POLL)
             continue
         future = next(finished)
-        group, part = sent.pop(future), _result(future)
+        group, result = sent.pop(future), _result(future)
         future.release()
-        if part is None:
+        if result is None:
             alone += group
         else:
-            yield part
+            yield group, result
     for item in alone:
-        part = _result(client.submit(task, shared, [item], pure=False))
-        killed = Failed(item[0], "", "its worker process died, time and again")
-        yield tables([], [killed]) if part is None else part
+        yield (item,), _result(client.submit(_applied, shared, (item,), wide, pure=False))
 
 
-def _same(job: CohortJob) -> CohortJob:
-    return job
+def _same[T](function: T) -> T:
+    return function
 
 
-def _result(future: "Future[Cohort]") -> Cohort | None:
+def _applied[Item, T](function: Callable[[tuple[Item, ...]], T], group: tuple[Item, ...], wide: bool) -> T:
+    with jax.enable_x64(wide):
+        return function(group)
+
+
+def _result[T](future: "Future[T]") -> T | None:
     from distributed import KilledWorker
 
     try:

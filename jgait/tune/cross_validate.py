@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,9 +18,9 @@ from jgait.notes import record
 from jgait.params import constrain
 from jgait.tune import checkpoint
 from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
-from jgait.tune.descent import Settings
+from jgait.tune.descent import Carry, Settings, Trace
 from jgait.tune.fit import Fit, best_starts, check_mesh, check_settings, lane, result_of, scattered
-from jgait.tune.lanes import Report, descend
+from jgait.tune.lanes import Report, descend, descend_apart
 from jgait.tune.lessons import Lesson
 from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, kept, of_subject, place
@@ -27,6 +28,7 @@ from jgait.tune.remainder import reduced
 
 if TYPE_CHECKING:
     import pandas as pd
+    from distributed import Client
 
 
 @record
@@ -118,7 +120,9 @@ def cross_validate[P](
     mesh: Mesh | None = None,
     progress: Report | None = None,
     chunk: int | None = None,
-) -> CrossValidation[P]:
+    part: tuple[int, int] | None = None,
+    client: "Client | None" = None,
+) -> CrossValidation[P] | None:
     """For every fold, fit on the other folds' subjects and compute the error on the fold's subjects, in one program;
     the fit to all items is made beside.
 
@@ -131,6 +135,9 @@ def cross_validate[P](
             the fold of each item, the same for all items of a subject.
         error: (params, item) → scalar, the error in the tables, in the unit of its values; None for the loss, which of
             most objectives is a square: `tune.objective(…, "stride_length_error")` gives cm, "stride_length" cm².
+        part: (k, n): only the k-th of n parts of the fits is made, into a file beside `checkpoint_file`, and the result
+            is None. A call without `part` takes the fits from the files of all parts.
+        client: a `dask.distributed.Client`, whose workers share the fits.
 
     Raises:
         TypeError, ValueError: as `tune.fit`; or if a subject is in several folds, or a recording has two subjects.
@@ -160,11 +167,20 @@ def cross_validate[P](
         starts=(starts, spread), loss=loss, optimizer=optimizer,
     )  # fmt: skip
     around = scattered(key, free, starts, spread)
-    carry, trace = descend(
-        problem, optimizer, settings, Context(params, place(problem, known), None, key),
-        jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(learned)), around), np.repeat(learned, starts, axis=0),
-        dtype, chunk=chunk, report=progress, file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
+    run = partial(
+        descend, problem, optimizer, settings, Context(params, place(problem, known), None, key), dtype=dtype,
+        chunk=chunk, mark=mark,
     )  # fmt: skip
+    if client is not None:  # what a reduced problem has computed cannot be sent
+        run = partial(_descend_there, given, params, free, every_item, optimizer, settings, key, chunk)
+    fits = descend_apart(
+        run, jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(learned)), around),
+        np.repeat(learned, starts, axis=0), report=progress,
+        file=None if checkpoint_file is None else Path(checkpoint_file), part=part, client=client,
+    )  # fmt: skip
+    if fits is None:
+        return None
+    carry, trace = fits
     every = slice(len(kinds) * starts, None)
     fit = result_of(problem, params, lane(carry, every), lane(trace, every), around, labels, np.arange(n))
     carry, learned = lane(carry, slice(every.start)), learned[:-1]
@@ -183,6 +199,16 @@ def cross_validate[P](
     table = grouped.agg(fold=("fold", "first"), n=("item", "size"), **{name: (name, "mean") for name in judged})
     table = table.assign(change=table["error_after"] - table["error_before"])
     return CrossValidation(table, items, constrain(best, transforms, params), losses, left_out, fit)
+
+
+def _descend_there(
+    given: Problem, params: PyTree, free: PyTree, items: Items, optimizer: optax.GradientTransformation,
+    settings: Settings, key: PRNGKeyArray | None, chunk: int | None, starts: PyTree, weights: PyTree, **how: PyTree,
+) -> tuple[Carry, Trace]:  # fmt: skip
+    """`descend` in a worker of a cluster, which reduces the problem itself."""
+    problem, known, dtype = reduced(given, params, free, items)
+    context = Context(params, place(problem, known), None, key)
+    return descend(problem, optimizer, settings, context, starts, weights, dtype, chunk=chunk, mark={}, **how)
 
 
 def _judged(

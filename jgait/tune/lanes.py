@@ -3,8 +3,9 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +19,9 @@ from jgait.tune import checkpoint
 from jgait.tune.descent import Carry, Settings, Trace, first, runner
 from jgait.tune.problem import Context, Problem, kept
 from jgait.types import AnyArray
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 
 class Progress(NamedTuple):
@@ -101,6 +105,59 @@ def descend(
             report(_progress(carry, begin - 1, begin - 1 if stopped else settings.steps))
     trace = _joined(history)
     return jax.tree.map(np.asarray, carry), jax.tree.map(lambda v: v[:, 1:], trace)
+
+
+def descend_apart(
+    run: Callable[..., tuple[Carry, Trace]], free: PyTree, weights: Bool[AnyArray, "lane item"], *,
+    report: Report | None, file: Path | None, part: tuple[int, int] | None = None, client: "Client | None" = None,
+) -> tuple[Carry, Trace] | None:  # fmt: skip
+    """`descend` with its fits shared among machines: one part of them, all of them from files of parts, or on Dask.
+
+    Args:
+        run: `descend` but for the next four arguments.
+        free: as of `descend`.
+        weights: as of `descend`.
+        report: as of `descend`.
+        file: as of `descend`.
+        part: number of this part, from 1, and of all parts. The fits of the part are finished in `STEM-K-of-N.npz`
+            beside the file, and the result is None. A later call without `part` takes the fits of all these files.
+        client: workers that share the fits.
+    """
+    lanes = len(weights)
+
+    def piece(number: int, of: int) -> tuple[PyTree, PyTree]:
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[number - 1 :: of], (free, weights))
+
+    def file_of(number: int, of: int) -> Path | None:
+        return None if file is None else file.with_name(f"{file.stem}-{number}-of-{of}{file.suffix}")
+
+    if part is not None:
+        if part[0] <= lanes:
+            run(*piece(*part), report=report, file=file_of(*part))
+        return None
+    there = [] if file is None else [*file.parent.glob(f"{file.stem}-1-of-*{file.suffix}")]
+    if client is not None:
+        of = min(lanes, max(1, len(client.nthreads())))
+        pieces = [piece(number, of) for number in range(1, of + 1)]
+        work = partial(_in_precision, bool(jax.config.jax_enable_x64), partial(run, report=None, file=None))
+        parts = client.gather(client.map(work, *zip(*pieces, strict=True), pure=False))
+    elif there:
+        of = int(there[0].stem.rpartition("-")[2])
+        parts = [run(*piece(k, of), report=report, file=file_of(k, of)) for k in range(1, min(lanes, of) + 1)]
+    else:
+        return run(free, weights, report=report, file=file)
+    order = np.argsort(np.concatenate([np.arange(lanes)[number::of] for number in range(of)]))
+    longest = max(trace.loss.shape[1] for _, trace in parts)
+    filled = [
+        (carry, Trace(*(np.pad(v, ((0, 0), (0, longest - v.shape[1])), "edge") for v in trace)))
+        for carry, trace in parts
+    ]
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[order], *filled)
+
+
+def _in_precision(wide: bool, run: Callable[..., tuple[Carry, Trace]], *piece: PyTree) -> tuple[Carry, Trace]:
+    with jax.enable_x64(wide):
+        return run(*piece)
 
 
 @kept

@@ -1,18 +1,14 @@
 """A cohort on several devices, processes and machines gives what one device gives."""
 
-import logging
-import warnings
-
 import jax
 import numpy as np
 import pandas as pd
 import pytest
 from made.cohort import FAKE, read, read_or_die, walk
-from made.command import run
-from made.process import environment, ran, two
+from made.dask import two_workers
+from made.process import ran, two
 
 from jgait import evaluate
-from jgait.commands import evaluate as command
 
 WIDE = {"JAX_ENABLE_X64": "1"}
 
@@ -81,26 +77,10 @@ for name, table in tables._asdict().items():
 
 
 @pytest.fixture
-def client(monkeypatch):
-    """Two worker processes on this machine."""
-    distributed = pytest.importorskip("distributed")
-    # What JAX computes with comes with the task and not from here.
-    for name, value in environment().items():
-        monkeypatch.setenv(name, value)
-    with warnings.catch_warnings():
-        # Workers that are killed leave sockets and event loops behind, and say so late.
-        warnings.simplefilter("ignore", ResourceWarning)
-        warnings.filterwarnings("ignore", category=DeprecationWarning, module=r"(distributed|tornado|dask)\b.*")
-        settings = {
-            "n_workers": 2,
-            "threads_per_worker": 1,
-            "dashboard_address": None,
-            "silence_logs": logging.CRITICAL,
-            # The second death of a task's worker is the last: each start of a process takes seconds.
-            "scheduler_kwargs": {"allowed_failures": 1},
-        }
-        with distributed.LocalCluster(**settings) as cluster, distributed.Client(cluster) as one:
-            yield one
+def client():
+    """Two worker processes; the second death of a task's worker is the last, for each start of one takes seconds."""
+    with two_workers(allowed_failures=1) as one:
+        yield one
 
 
 def test_dask_workers_may_die(tmp_path, client):
@@ -121,21 +101,3 @@ def test_dask_workers_may_die(tmp_path, client):
     assert np.array_equal(one, evaluate.cohort(FAKE, [walk(3)]).quantities["estimate"])
     with pytest.raises(ValueError, match="give no mesh then"):
         evaluate.cohort(FAKE, [], client=client, mesh=jax.make_mesh((1,), ("recordings",)))
-
-
-@pytest.mark.slow
-def test_the_command_takes_the_workers_of_a_scheduler(tmp_path, client):
-    words = ("evaluate", "--simulated", 3, "--estimator", "leg_ekf", "--paper", "--batch", 1)
-    numbers = []
-    for name, more in (("alone", ()), ("shared", ("--dask", client.scheduler.address))):
-        code, said = run(*words, "--out", tmp_path / name, *more)
-        assert code == 0, said
-        numbers.append(pd.read_csv(tmp_path / name / "quantities.csv"))
-    pd.testing.assert_frame_equal(*numbers, rtol=1e-9)
-
-
-def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
-    pytest.importorskip("distributed")
-    monkeypatch.setattr(command, "CONNECT_S", 1)
-    code, said = run("evaluate", "--simulated", 1, "--dask", "tcp://127.0.0.1:9", "--out", tmp_path / "out")
-    assert code == 2 and "--dask: no Dask scheduler answers at tcp://127.0.0.1:9" in said

@@ -164,3 +164,13 @@ def test_it_goes_on_where_it_was_killed(tmp_path):
     run(checkpoint_file=other, chunk=5)
     with pytest.raises(ValueError, match="belongs to another fit: loss differ"):
         run(lambda p, item: 2.0 * square(p, item), checkpoint_file=other, chunk=5)
+
+
+def test_parts_of_the_fits_are_put_together(tmp_path):
+    whole = run(starts=2, key=jax.random.key(0))
+    for number in range(1, 5):
+        assert run(starts=2, key=jax.random.key(0), part=(number, 4), checkpoint_file=tmp_path / "folds.npz") is None
+    joined = run(starts=2, key=jax.random.key(0), checkpoint_file=tmp_path / "folds.npz")
+    np.testing.assert_allclose(joined.losses, whole.losses, rtol=1e-12)
+    np.testing.assert_allclose(joined.table["error_after"], whole.table["error_after"], rtol=1e-12)
+    assert joined.fit.params.x == pytest.approx(whole.fit.params.x, rel=1e-12)
