@@ -26,6 +26,7 @@ COMMANDS = {
     "simulate": "Walks with known truth, as files.",
     "evaluate": "A whole cohort, compared with its reference.",
     "tune": "Learn parameters from a cohort by gradient.",
+    "join": "Parts of a job array, put together.",
     "presets": "Tuned parameters that come with jgait.",
     "report": "One HTML page about a recording or a cohort.",
     "explain": "Which assumption moves a number of a recording.",

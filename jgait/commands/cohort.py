@@ -4,6 +4,7 @@ import csv
 import difflib
 import functools
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -14,11 +15,12 @@ from jaxtyping import PyTree
 
 from jgait import datasets, estimators
 from jgait import evaluate as evaluation
+from jgait.commands import machines
 from jgait.commands.console import Bar, note, progress, refused, say_failures, stop
 from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.commands.recordings import recording_of
 from jgait.commands.references import REFERENCES, with_reference
-from jgait.commands.rows import Copy, content_of, copies_among, label_notes
+from jgait.commands.rows import content_of, copies_among, label_notes
 from jgait.estimators import Estimator, proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.evaluate import Cohort
@@ -28,19 +30,13 @@ from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.types import Measures, Recording, RecordingError, Walk, people, reason_of
 
+MEASURES = {
+    f"{measure.name}_{measure.unit}": measure
+    for estimator in map(estimators.get, estimators.names())
+    for measure in estimator.about.measures if measure.name in measures_of(estimator)
+}  # fmt: skip
+"""Column → the body measure in this column, for all estimators; measures that are parameters of an estimator."""
 
-def _measures() -> dict[str, BodyMeasure]:
-    """Column → the body measure in this column, for all estimators; measures that are parameters of an estimator."""
-    measures: dict[str, BodyMeasure] = {}
-    for name in estimators.names():
-        estimator = estimators.get(name)
-        for measure in estimator.about.measures:
-            if {measure.name, measure.parameter} & set(getattr(estimator.params, "_fields", ())):
-                measures.setdefault(f"{measure.name}_{measure.unit}", measure)
-    return measures
-
-
-MEASURES = _measures()
 OTHERS = {
     "distance_m": BodyMeasure("distance", "m", 0.01, 1e6, "distance walked"),
     "sampling_rate_hz": BodyMeasure("sampling_rate", "Hz", 0.1, 1e6, "sampling rate"),
@@ -116,7 +112,7 @@ class Source(NamedTuple):
     notes: list[Note]  #: notes for the user.
     files: Sequence[Path] = ()  #: files of the user that are read.
     subjects: Mapping[str, str] = {}  #: name → subject, as far as known before the recordings are read.
-    copies: Sequence[Copy] = ()  #: recordings whose files are copies.
+    copies: Sequence[Note] = ()  #: notes on recordings whose files are copies.
 
     def with_failures(self, results: Cohort) -> tuple[Cohort, list[tuple[str, str]]]:
         """Results of `evaluate.cohort` whose failures contain rows that cannot be items, and these (recording, reason),
@@ -126,14 +122,14 @@ class Source(NamedTuple):
 
         rows = pd.DataFrame(self.failures, columns=["recording", "reason"])
         every = pd.concat([rows, results.failures], ignore_index=True)
-        known = zip(every["recording"], every["subject"].astype(object).fillna(""), strict=True)
-        subjects = [self.subjects.get(name) or subject for name, subject in known]
+        stated = every["recording"].map(lambda name: self.subjects.get(name) or None)
+        every["subject"] = stated.fillna(every["subject"].astype(object)).fillna("")
         failures = list(zip(every["recording"], every["reason"], strict=True))
         say_failures(failures)
         if not len(results.recordings):
             why = f"; {SIMULATED_WORN}" if self.read is None else ""
             stop(f"none of the {len(failures)} recordings of {self.title} could be used{why}")
-        return results._replace(failures=every.assign(subject=subjects)[["recording", "subject", "reason"]]), failures
+        return results._replace(failures=every[["recording", "subject", "reason"]]), failures
 
     def versions(self, names: Iterable[str], columns: Sequence[str] = ("file",)) -> dict[str, str]:
         """File → its content, of the files of these recordings that are in the columns of a table; else name → the
@@ -175,9 +171,7 @@ def is_cohort(path: Path) -> bool:
             header = stream.readline(100_000)
     except OSError:
         return False
-    for separator in ",;\t":
-        header = header.replace(separator, "\n")
-    names = [name.strip().strip('"').lower() for name in header.splitlines()]
+    names = [name.strip().strip('"').lower() for name in re.split("[,;\t\n]", header)]
     return "file" in names and not any(map(like_a_signal, names))
 
 
@@ -238,10 +232,14 @@ class CohortFiles:
         self, folder: Path, rows: dict[str, dict[str, str]], gyr_unit: str | None, acc_unit: str | None
     ) -> None:
         self.folder, self.rows, self.gyr_unit, self.acc_unit = folder, rows, gyr_unit, acc_unit
+        self.shown = folder  #: as messages name it.
 
     def __repr__(self) -> str:
         given = {"angular rates": self.gyr_unit, "accelerations": self.acc_unit}
         return ", ".join(f"{what} in {unit or 'the unit of the file'}" for what, unit in given.items())
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "folder": self.folder.resolve()}  # another process may run in another folder
 
     def __call__(self, file: str) -> Walk:
         """The walk of a row, with its reference."""
@@ -256,7 +254,7 @@ class CohortFiles:
         numbers = {name: _number(row, name) for name in (*MEASURES, *OTHERS)}
         path = self.folder / file
         if not path.exists():
-            raise FileNotFoundError(f"there is no such file: {path}")
+            raise FileNotFoundError(f"there is no such file: {self.shown / file}")
         how["rate"] = numbers["sampling_rate_hz"] or how.get("rate")
         recording = recording_of(path, name=file, subject=row.get("subject") or file, **how)
         return recording, {
@@ -318,7 +316,7 @@ def _of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: 
     for row, name in zip(of_somebody, people(row["subject"] for row in of_somebody), strict=True):
         row["subject"] = name
     copies = copies_among({file: path.parent / file for file in rows})
-    notes = [*_notes(names, rows, measures), *(copy.note for copy in copies)]
+    notes = [*_notes(names, rows, measures), *copies]
     files = {file: [path.parent / row[name] for name in ("file", *REFERENCES) if row.get(name)]
              for file, row in rows.items()}  # fmt: skip
     return Source(path.name, list(rows), CohortFiles(path.parent, rows, gyr_unit, acc_unit),
@@ -356,21 +354,24 @@ def _mark(row: dict[str, str], files: Iterable[Path]) -> str:
     return f"{cells} ({stamp})"
 
 
-def evaluated(pipeline: Estimator[PyTree, PyTree], start: PyTree, source: Source, **settings: Any) -> Cohort:
-    """The results of `evaluate.cohort` with further settings; exits with code 2 if there can be none."""
+def evaluated(
+    pipeline: Estimator[PyTree, PyTree], start: PyTree, source: Source, dask: str | None = None, **settings: Any
+) -> Cohort:
+    """The results of `evaluate.cohort` with further settings, computed here or by the workers of the scheduler at an
+    address; exits with code 2 if there can be none.
+    """
     body_of = functools.partial(body, measures=measures_of(pipeline))
-    with progress() as bars:
+    with machines.client_of(dask) as client, progress() as bars, refused():
         bar, total = Bar(bars), len(source.items)
         bar("reading and computing", 0, total)
-        with refused():
-            try:
-                return evaluation.cohort(
-                    pipeline, source.items, start, body=body_of, read=source.read,
-                    progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
-                    **settings,
-                )  # fmt: skip
-            except OtherEvaluationError as error:
-                stop(f"{error}, as --fresh does")
+        try:
+            return evaluation.cohort(
+                pipeline, source.items, start, body=body_of, read=source.read, client=client,
+                progress=lambda done, failed: bar(f"{done} recordings, {failed} of them failed", done, total),
+                **settings,
+            )  # fmt: skip
+        except OtherEvaluationError as error:
+            stop(f"{error}, as --fresh does")
 
 
 def opened(

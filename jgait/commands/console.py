@@ -3,10 +3,10 @@
 import contextlib
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 from jaxtyping import PyTree
@@ -42,20 +42,24 @@ def stop(message: str) -> NoReturn:
     raise typer.Exit(2)
 
 
+Json = Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Delete the results of an earlier run in the folder.")]
+
+
 def write_json(file: Path | None, content: object) -> None:
     """Write the numbers as JSON if a file is given; exits with code 2 if it cannot be written."""
     if file is not None:
-        write(file, json.dumps(_plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
+        write(file, json.dumps(plain(content), indent=1, ensure_ascii=False, default=str) + "\n")
 
 
-def _plain(value: PyTree) -> PyTree:
+def plain(value: PyTree) -> PyTree:
     """A value converted for JSON: no NumPy types, and null for numbers that are not finite."""
     if hasattr(value, "tolist"):
         value = value.tolist()
-    if isinstance(value, dict):
-        return {str(name): _plain(inner) for name, inner in value.items()}
+    if isinstance(value, Mapping):
+        return {str(name): plain(inner) for name, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
+        return [plain(inner) for inner in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -133,21 +137,30 @@ def count(number: int, singular: str, plural: str) -> str:
     return f"{number} {singular if number == 1 else plural}"
 
 
-def table_of(*headings: str, left: int = 1, title: str | None = None) -> Table:
-    """An empty table, its first columns aligned left, the others right."""
+def table_of(*headings: str, rows: Iterable[Sequence[object]] = (), left: int = 1, title: str | None = None) -> Table:
+    """A table, its first columns aligned left, the others right; rows may be shorter than the headings."""
     table = Table(title=title, title_justify="left")
     for number, heading in enumerate(headings):
         table.add_column(escape(heading), justify="left" if number < left else "right")
+    for row in rows:
+        table.add_row(*map(visible, row))
     return table
+
+
+def show(*headings: str, rows: Iterable[Sequence[object]], left: int = 1, title: str | None = None) -> None:
+    """Print `table_of` these rows."""
+    console.print(table_of(*headings, rows=rows, left=left, title=title))
 
 
 def show_table(made: "page.Table", title: str | None = None) -> None:
     """Print a table of a page, and how to read it."""
-    table = table_of(*made.columns, title=title)
-    for row in made.rows:
-        table.add_row(*(visible(cell.text) for cell in row))
-    console.print(table)
+    show(*made.columns, rows=([cell.text for cell in row] for row in made.rows), title=title)
     console.print(visible(made.caption), style="dim", highlight=False)
+
+
+def say(text: object, style: str = "") -> None:
+    """Print a sentence, as it is."""
+    console.print(visible(text), style=style, highlight=False, soft_wrap=True)
 
 
 def say_flags(flags: "Sequence[page.Flag]", where: str, most: int = 5) -> None:

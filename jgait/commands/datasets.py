@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 from jgait import datasets
-from jgait.commands.console import Bar, console, progress, stop, visible, write_json
+from jgait.commands.console import Bar, progress, say, show, stop, write_json
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the same as JSON to this file.")]
 
@@ -20,14 +19,12 @@ sets = typer.Typer(
 @sets.command("list")
 def list_sets(json_file: Json = None) -> None:
     """List the public data sets that jgait reads, and which of them are on this computer."""
-    table = Table("set", "here", "licence", "cite")
     listed = {}
     for name in datasets.list_datasets():
         about = datasets.info(name)
-        here = datasets.available(name)
-        table.add_row(name, "yes" if here else "no", about.licence, about.citation)
-        listed[name] = {"here": here, "licence": about.licence, "citation": about.citation}
-    console.print(table)
+        listed[name] = {"here": datasets.available(name), "licence": about.licence, "citation": about.citation}
+    rows = [(name, "yes" if row["here"] else "no", row["licence"], row["citation"]) for name, row in listed.items()]
+    show("set", "here", "licence", "cite", rows=rows, left=4)
     write_json(json_file, listed)
 
 
@@ -54,5 +51,5 @@ def _show(name: str, json_file: Path | None, locate: Callable[[str], Path]) -> N
         folder = str(locate(name))
     except Exception as error:
         stop(str(error))
-    console.print(visible(folder), soft_wrap=True)
+    say(folder)
     write_json(json_file, {name: folder})

@@ -1,5 +1,6 @@
 """`jgait demo`: a real walk by one call beside its reference; then tune by gradient, and judge on other people."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,15 +10,14 @@ from jgait import datasets
 from jgait.commands import jobs, report
 from jgait.commands.console import console, show_table, stop, write_json, wrote
 from jgait.commands.datasets import download
-from jgait.commands.evaluate import evaluate
 from jgait.commands.folder import results_folder
-from jgait.commands.tune import tune
 from jgait.report.page import Table
 
 PAGE = "real_walk.html"
 
 
 def demo(
+    context: typer.Context,
     dataset: Annotated[
         str,
         typer.Option(help="auto: neura_sparse too if it is there; neura_sparse: fetched if need be; simulated: alone."),
@@ -43,10 +43,10 @@ def demo(
     numbers: dict[str, Any] = {}
     if dataset != "simulated" and datasets.available("neura_sparse"):
         walk = datasets.load("neura_sparse")[0]
-        command = f"jgait report --dataset neura_sparse --recording {walk.recording.name}"
-        _say(f"{command} --out {out / PAGE}")
+        words = ["report", "--dataset", "neura_sparse", "--recording", walk.recording.name]
+        _say([*words, "--out", str(out / PAGE)])
         with results_folder(out, "demo", {}, planned=[PAGE], json_file=json_file) as folder:
-            page = report.of_walk(walk, jobs.all_sensors({}), "neura_sparse", command)
+            page = report.of_walk(walk, jobs.all_sensors({}), "neura_sparse", shlex.join(["jgait", *words]))
             wrote(folder.publish([page.save(folder.stage / PAGE)]))
         for section in page.content.sections:
             for part in section.parts:
@@ -55,16 +55,20 @@ def demo(
         numbers = page.numbers
     elif dataset == "auto":
         console.print("neura_sparse (real walks with motion capture) is not here: --dataset neura_sparse fetches it")
-    free, loss, tuned = "standing_hip,standing_knee,distance_scale", "trajectory,distance", out / "tuned"
-    how = f"--steps {steps} --no-cross-validation"
-    _say(f"jgait tune --simulated {subjects} --free {free} --loss {loss} {how} --out {tuned}")
-    tune(free, simulated=subjects, loss=loss, steps=steps, cross=False, out=tuned, fresh=True)
-    for name, params in (("default", None), ("others", tuned / "tuned.json")):
-        given = "" if params is None else f" --params {params}"
-        _say(f"jgait evaluate --simulated {subjects} --seed 1{given} --out {out / name}")
-        evaluate(simulated=subjects, seed=1, params=params, out=out / name, fresh=True)
+    people, tuned = ["--simulated", str(subjects)], str(out / "tuned")
+    learn = ["--free", "standing_hip,standing_knee,distance_scale", "--loss", "trajectory,distance"]
+    judge = ["evaluate", *people, "--seed", "1"]
+    for words in (
+        ["tune", *people, *learn, "--steps", str(steps), "--no-cross-validation", "--out", tuned],
+        [*judge, "--out", str(out / "default")],
+        [*judge, "--params", f"{tuned}/tuned.json", "--out", str(out / "others")],
+    ):
+        _say(words)
+        # a user does not need --fresh in a new folder
+        if code := context.find_root().command.main([*words, "--fresh"], standalone_mode=False):
+            raise typer.Exit(code)
     write_json(json_file, numbers)
 
 
-def _say(command: str) -> None:
-    console.print(f"\n$ {command}", style="bold", markup=False, soft_wrap=True)
+def _say(words: list[str]) -> None:
+    console.print(f"\n$ jgait {shlex.join(words)}", style="bold", markup=False, soft_wrap=True)

@@ -1,8 +1,12 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
+import json
+import shutil
+import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -12,12 +16,14 @@ from jaxtyping import PyTree
 
 from jgait import io
 from jgait.commands import cohort as cohorts
-from jgait.commands import jobs, options, recordings
-from jgait.commands.console import Bar, console, count, errors, progress, say_failures, stop, visible, write_json, wrote
+from jgait.commands import console, jobs, machines, options, recordings
+from jgait.commands.console import count, say, stop
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.recordings import Item
 from jgait.estimators import programs
+from jgait.evaluate.dask import DIED, on_dask
+from jgait.io.atomic import write_text
 from jgait.notes import of_recordings
 from jgait.report.flags import DOUBTS, verdict
 from jgait.report.page import GRADES, Flag
@@ -25,6 +31,7 @@ from jgait.types import Recording, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
+    from distributed import Client
 
 ENDINGS = ("csv", "parquet", "json")
 """Formats of tables."""
@@ -34,31 +41,35 @@ EPILOG = options.epilog()
 STYLES = {"stop": "bold red", "check": "yellow", "corrected": "", "info": ""}
 """Grade of a flag → its style in the terminal."""
 
+OUTCOME = "outcome.json"
+"""File of a recording's `Outcome` beside its tables and figures, until they are put together."""
+
+type Read = Callable[[Item], tuple[Recording, Mapping[str, PyTree]]]
+"""Reads a recording and the measures of its person."""
+
 
 class Outcome(NamedTuple):
-    """What became of a recording."""
+    """What became of a recording, as JSON values."""
 
-    item: Item
     subject: str
     reason: str = ""  #: why it could not be used; empty if it could.
     flags: Sequence[Flag] = ()
-    tables: "Mapping[str, pd.DataFrame]" = MappingProxyType({})  #: its tables of which there is one of all recordings.
+    rows: Sequence[Sequence[str]] = ()  #: of the printed table, without the recording.
     numbers: Mapping[str, Any] = MappingProxyType({})  #: for the JSON file.
-    files: Sequence[Path] = ()  #: that were written.
+    tables: Mapping[str, str] = MappingProxyType({})  #: table of which there is one of all recordings → its file.
+    files: Sequence[str] = ()  #: names of the files that were written.
+    command: Sequence[str] = ()  #: words of the command that parts share.
 
-    def doubts(self) -> list[Flag]:
-        """The flags that put it in doubt, the gravest first."""
-        return [flag for flag in self.flags if flag.grade in DOUBTS]
-
-    def row(self) -> tuple[str, ...]:
+    def row(self, item: Item) -> tuple[str, ...]:
         """Its row in the table of recordings."""
-        doubts = self.doubts()
+        doubts = [flag for flag in self.flags if flag.grade in DOUBTS]  # the gravest first
         result = "failed" if self.reason else GRADES[doubts[0].grade].lower() if doubts else "good"
         lines = (line for flag in doubts for line in flag.text.splitlines())
-        return self.item.recording, self.subject, self.item.key, result, self.reason or "; ".join(lines)
+        return item.recording, self.subject, item.key, result, self.reason or "; ".join(lines)
 
 
 def estimate(
+    context: typer.Context,
     files: Annotated[
         list[Path],
         typer.Argument(
@@ -88,7 +99,9 @@ def estimate(
             help="Folder for tables and figures; earlier ones of the same recording are replaced.",
         ),
     ] = Path("jgait-results"),
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    dask: machines.Dask = None,
+    part: machines.PartText = None,
+    json_file: console.Json = None,
     notes: Annotated[bool, typer.Option("--notes", help="Print all remarks, each with its meaning.")] = False,
 ) -> None:
     """Estimate gait from recordings in files, and write tables and figures.
@@ -107,14 +120,10 @@ def estimate(
         if asked and estimator is None:
             stop(f"{name} is of one estimator; give --estimator as well")
     job = jobs.job_of(estimator, paper, params, person, options.given(option, height, thigh, shank))
-    placement, placements = recordings.places_of(place)
+    how = recordings.how(rate, gyr_unit, acc_unit, range_unit, format, place)
     tables = {
         file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())
         for file in files if cohorts.is_cohort(file)
-    }  # fmt: skip
-    how: dict[str, Any] = {
-        "rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
-        "placement": placement, "placements": placements,
     }  # fmt: skip
 
     def read(item: Item) -> tuple[Recording, Mapping[str, PyTree]]:
@@ -135,30 +144,34 @@ def estimate(
     if several:
         planned |= {f"{name}.{table_format}": "all recordings" for name in ("recordings", *job.joined)}
     inputs = [*files, params, person, *(file for table in tables.values() for file in table.files)]
+    words = machines.shared_words(context.obj)
+    if (of := machines.part_of(part)) is not None:
+        with of.folder(out, "estimate", context, {item.name: item.key for item in items}, inputs) as folder:
+            made = _outcomes(of.share(items), read, job, folder, table_format, dask, words, kept=True)
+        of.end(out, len(made), sum(bool(outcome.reason) for _, outcome in made))
+        return
     unread = [failure for table in tables.values() for failure in table.failures]
-    say_failures(unread)
-    made = [Outcome(Item(Path(row), row), "", reason) for row, reason in unread]
+    console.say_failures(unread)
     joined: Sequence[Path] = ()
     with results_folder(out, "estimate", None, planned=planned, inputs=inputs, json_file=json_file) as folder:
-        made += [_one(item, read, job, folder, table_format) for item in items]
+        made = [(Item(Path(row), row), Outcome("", reason)) for row, reason in unread]
+        made += _outcomes(items, read, job, folder, table_format, dask, words)
         if several:
-            every = _together(made, job.joined).items()
-            files = [io.write_table(rows, folder.stage / f"{name}.{table_format}") for name, rows in every]
-            joined = folder.publish(files)
-    if job.table.rows:
-        console.print(job.table)
-    for outcome in made:
-        if not outcome.reason:
-            _say_trust(outcome.item.label, outcome.flags, notes)
-    if notes and job.table.rows:
-        console.print(job.caption, style="dim")
-    if written := [*(path for outcome in made for path in outcome.files), *joined]:
-        wrote(written)
-    failures = {outcome.item.key: outcome.reason for outcome in made if outcome.reason}
-    numbers = {outcome.item.key: outcome.numbers for outcome in made if not outcome.reason}
-    write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
+            every = _together(made, job.joined, out).items()
+            whole = [io.write_table(rows, folder.stage / f"{name}.{table_format}") for name, rows in every]
+            joined = folder.publish(whole)
+        shutil.rmtree(folder.run, ignore_errors=True)
+    _show(job, made, notes)
+    if written := [*(out / name for _, outcome in made for name in outcome.files), *joined]:
+        console.wrote(written)
+    failures = {item.key: outcome.reason for item, outcome in made if outcome.reason}
+    numbers = {
+        item.key: {**outcome.numbers, "files": [str(out / name) for name in outcome.files]}
+        for item, outcome in made if not outcome.reason
+    }  # fmt: skip
+    console.write_json(json_file, {"estimator": job.name, "recordings": numbers, "failures": failures})
     if failures:
-        errors.print(f"{of_recordings(len(failures), len(made))} could not be used", highlight=False)
+        console.errors.print(f"{of_recordings(len(failures), len(made))} could not be used", highlight=False)
         raise typer.Exit(1 if numbers else 2)
 
 
@@ -168,14 +181,9 @@ def _items(
     """The recordings in files, and in the files that tables list; their results begin with the file's stem, after the
     names of as many of its folders as others share it.
     """
-    listed: list[tuple[Path, Path | None, str]] = []
-    for file in files:
-        if file in tables:
-            listed += [(file.parent / cell, file, cell) for cell in tables[file].items]
-        else:
-            listed.append((file, None, ""))
-    paths = [file for file, _, _ in listed]
-    called = _called(paths)
+    listed = [(file.parent / cell, file, cell) if file in tables else (file, None, "")
+              for file in files for cell in (tables[file].items if file in tables else ("",))]  # fmt: skip
+    called = _called([file for file, _, _ in listed])
     items = []
     for file, table, cell in listed:
         subject = tables[table].subjects.get(cell, cell) if table else ""
@@ -205,64 +213,125 @@ def _called(files: list[Path]) -> dict[Path, list[str]]:
     return called
 
 
-def _one(
-    item: Item,
-    read: Callable[[Item], tuple[Recording, Mapping[str, PyTree]]],
-    job: EstimateJob,
-    folder: ResultsFolder,
-    ending: str,
-) -> Outcome:
-    """Estimate and write one recording."""
+def _outcomes(
+    items: Sequence[Item], read: Read, job: EstimateJob, folder: ResultsFolder, ending: str, dask: str | None,
+    words: list[str], kept: bool = False,
+) -> list[tuple[Item, Outcome]]:  # fmt: skip
+    """Estimate recordings here or on the workers of Dask, but for those that parts have done by the words of this
+    command, and move the files of each into the folder.
+
+    With `kept`, as in a part, the files of each recording stay in a folder among the intermediate results.
+    """
+    work = partial(_estimated, read, job, folder.stage.resolve(), ending, words)
+    there = {item: folder.run / item.name for item in items if (folder.run / item.name).is_dir()}
+    ready = {item: place for item, place in there.items() if _outcome_in(place).command == words}
+    made: dict[Item, Outcome] = {}
+    with machines.client_of(dask) as client:
+        for item, place in chain(ready.items(), _places(work, [i for i in items if i not in ready], client)):
+            if place is None:
+                died = Outcome(item.subject or item.file.stem, DIED, command=words)
+                place = _noted(Path(tempfile.mkdtemp(dir=folder.stage)), died)
+            outcome = _outcome_in(place)
+            console.say_failures([(item.key, outcome.reason)] if outcome.reason else [])
+            if kept and place.parent != folder.run:
+                folder.run.mkdir(exist_ok=True)
+                place.rename(folder.run / item.name)
+            elif not kept and not outcome.reason:
+                folder.publish([place / name for name in outcome.files])
+            made[item] = outcome
+    return [(item, made[item]) for item in items]
+
+
+def _places(
+    work: Callable[[tuple[Item, ...]], Path], items: Sequence[Item], client: "Client | None"
+) -> Iterator[tuple[Item, Path | None]]:
+    """Each recording with the folder of its files; None if it kills every worker that takes it."""
+    with console.progress() as bars:
+        bar = console.Bar(bars)
+        if client is None:
+            for item in items:
+                bar(f"{item.label}: reading and computing", 0, None)
+                programs.before_compiling(partial(bar, f"{item.label}: compiling (first time only)", 0, None))
+                yield item, work((item,))
+            return
+        there = {item._replace(file=item.file.resolve()): item for item in items}  # workers run in other folders
+        for done, ((item,), place) in enumerate(on_dask(work, there, client)):
+            bar("reading and computing", done, len(items))
+            yield there[item], place
+
+
+def _estimated(
+    read: Read, job: EstimateJob, stage: Path, ending: str, words: list[str], items: tuple[Item, ...]
+) -> Path:
+    """Estimate a recording; returns a new folder in `stage` with its tables and figures, and its `Outcome`."""
+    (item,), place = items, Path(tempfile.mkdtemp(dir=stage))
     subject = item.subject or item.file.stem
     try:
-        with progress() as bars:
-            bar = Bar(bars)
-            bar(f"{item.label}: reading and computing", 0, None)
-            programs.before_compiling(partial(bar, f"{item.label}: compiling (first time only)", 0, None))
-            recording, known = read(item)
-            subject = recording.subject
-            made = job.compute(recording, known)
-            flags = made.flags()
+        recording, known = read(item)
+        subject = recording.subject
+        made = job.compute(recording, known)
+        flags = made.flags()
     except Exception as error:  # whatever a damaged file leads to must not stop the others
-        reason = reason_of(error)
-        errors.print(f"[bold red]{visible(item.key)}:[/] {visible(reason)}", highlight=False, soft_wrap=True)
-        return Outcome(item, subject, reason)
-    files = [io.write_table(rows, folder.stage / f"{item.name}_{name}.{ending}") for name, rows in made.tables.items()]
-    written = folder.publish(files + made.drawn(folder.stage, item.name, job.about.figures))
-    for number, row in enumerate(made.rows):
-        job.table.add_row("" if number else visible(item.name), *row)
-    tables = {name: rows for name, rows in made.tables.items() if name in job.joined}
-    listed = {"files": list(map(str, written)), "flags": [flag._asdict() for flag in flags]}
-    return Outcome(item, subject, "", flags, tables, {**made.numbers, **listed}, written)
+        outcome = Outcome(subject, reason_of(error))
+    else:
+        tables = {name: f"{item.name}_{name}.{ending}" for name in made.tables}
+        files = [io.write_table(made.tables[name], place / file) for name, file in tables.items()]
+        files += made.drawn(place, item.name, job.about.figures)
+        numbers = {**made.numbers, "flags": [flag._asdict() for flag in flags]}
+        joined = {name: file for name, file in tables.items() if name in job.joined and len(made.tables[name])}
+        outcome = Outcome(subject, "", flags, made.rows, numbers, joined, [file.name for file in files])
+    return _noted(place, outcome._replace(command=words))
 
 
-def _together(made: Sequence[Outcome], names: Iterable[str]) -> dict[str, "pd.DataFrame"]:
+def _noted(place: Path, outcome: Outcome) -> Path:
+    """Write an outcome into its folder, and return the folder."""
+    write_text(place / OUTCOME, json.dumps(console.plain(outcome._asdict()), default=str))
+    return place
+
+
+def _outcome_in(place: Path) -> Outcome:
+    outcome = Outcome(**json.loads((place / OUTCOME).read_text(encoding="utf-8")))
+    return outcome._replace(flags=[Flag(*flag) for flag in outcome.flags])
+
+
+def _together(made: Sequence[tuple[Item, Outcome]], names: Iterable[str], out: Path) -> dict[str, "pd.DataFrame"]:
     """The tables of all recordings: `recordings`, a row each, and those of each one below the other."""
     import pandas as pd
 
     columns = ["recording", "subject", "file", "result", "reason"]
-    tables = {"recordings": pd.DataFrame([outcome.row() for outcome in made], columns=columns)}
+    tables = {"recordings": pd.DataFrame([outcome.row(item) for item, outcome in made], columns=columns)}
     for name in names:
         parts = {
-            (outcome.item.recording, outcome.subject): outcome.tables[name]
-            for outcome in made
-            if len(outcome.tables.get(name, ()))
-        }
+            (item.recording, outcome.subject): io.read_table(out / outcome.tables[name])
+            for item, outcome in made if name in outcome.tables
+        }  # fmt: skip
         if parts:
             whole = pd.concat(parts, names=["recording", "subject"])
             tables[name] = whole.reset_index(level=[0, 1]).reset_index(drop=True)
     return tables
 
 
+def _show(job: EstimateJob, made: Sequence[tuple[Item, Outcome]], notes: bool) -> None:
+    """Print the numbers of all recordings, and how far to trust each."""
+    rows = [("" if number else item.name, *row) for item, outcome in made for number, row in enumerate(outcome.rows)]
+    if rows:
+        headings = ("recording", "measure", "value", "from")[: max(map(len, rows))]
+        console.show(*headings, rows=rows, left=4, title=job.title)
+    for item, outcome in made:
+        if not outcome.reason:
+            _say_trust(item.label, outcome.flags, notes)
+    if notes and rows:
+        console.console.print(job.caption, style="dim")
+
+
 def _say_trust(label: str, flags: Sequence[Flag], every: bool) -> None:
     """Print how far to trust a recording; then each flag with its meaning, or how many there are."""
     grade = next((flag.grade for flag in flags if flag.grade in DOUBTS), "info")
-    console.print(visible(f"{label}: {verdict(flags)}"), style=STYLES[grade] or "bold", highlight=False, soft_wrap=True)
+    say(f"{label}: {verdict(flags)}", STYLES[grade] or "bold")
     for flag in flags if every else ():
         for line in flag.text.splitlines():
-            console.print(visible(f"  {GRADES[flag.grade]}: {line}"), style=STYLES[flag.grade], highlight=False,
-                          soft_wrap=True)  # fmt: skip
-        console.print(visible(f"    {flag.meaning}"), highlight=False, soft_wrap=True)
+            say(f"  {GRADES[flag.grade]}: {line}", STYLES[flag.grade])
+        say(f"    {flag.meaning}")
     if flags and not every:
         lines = sum(len(flag.text.splitlines()) for flag in flags)
-        console.print(f"  {count(lines, 'remark', 'remarks')}: --notes prints them", style="dim", highlight=False)
+        say(f"  {count(lines, 'remark', 'remarks')}: --notes prints them", "dim")

@@ -8,14 +8,13 @@ import typer
 from jgait import plot
 from jgait.commands import cohort as cohorts
 from jgait.commands import options, recordings
-from jgait.commands.console import console, note, refused, show_table, stop, visible, write_json, wrote
+from jgait.commands.console import Json, note, refused, say, show_table, write_json, wrote
 from jgait.commands.folder import keep_inputs
 from jgait.commands.pipeline import chosen
 from jgait.commands.simulate import sensor_of
 from jgait.evaluate.study import estimator_of
 from jgait.report import moves
 from jgait.tune import explain as explained_by
-from jgait.types import reason_of
 
 EPILOG = options.epilog()
 
@@ -40,7 +39,7 @@ def explain(
     place: recordings.Place = None,
     trial: recordings.Trial = None,
     figure: Annotated[Path | None, typer.Option(help="Draw the bars into this file, PNG or SVG.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    json_file: Json = None,
 ) -> None:
     """Say which assumption moves a number of a recording: parameters, and the calibration of each sensor.
 
@@ -52,14 +51,8 @@ def explain(
     keep_inputs([figure, json_file], [file, params])
     errors = sensor_of(sensors)
     given = options.given(option, height, thigh, shank)
-    placement, placements = recordings.places_of(place)
-    try:
-        walk = recordings.recording_of(
-            file, rate=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, format=format, placement=placement,
-            placements=placements, trial=trial,
-        )  # fmt: skip
-    except Exception as error:
-        stop(f"{file}: {reason_of(error)}")
+    how = recordings.how(rate, gyr_unit, acc_unit, None, format, place, trial)
+    walk = recordings.only(file, how)
     with refused(f"{file}: "):
         name = estimator or estimator_of(walk).name
     if estimator is None:  # it was chosen by the sensors: measures of the person that it does not need are none of its
@@ -76,12 +69,10 @@ def explain(
     with refused(f"{file}: "):
         result = explained_by(choice.estimator, p, walk, measure, sensor=errors, person=body)
     whole = moves.table(result)
-    shown = [0, 1, 2, 5]  # a terminal is narrow; --json and the report have all columns
-    narrow = whole._replace(
-        columns=tuple(whole.columns[k] for k in shown), rows=tuple(tuple(row[k] for k in shown) for row in whole.rows)
-    )
-    show_table(narrow, title=f"what moves the {result.column.words}, by {name}")
-    console.print(visible(result.sentence), highlight=False, soft_wrap=True)
+    shown = (0, 1, 2, 5)  # a terminal is narrow; --json and the report have all columns
+    columns, rows = [whole.columns[k] for k in shown], [[row[k] for k in shown] for row in whole.rows]
+    show_table(whole._replace(columns=columns, rows=rows), title=f"what moves the {result.column.words}, by {name}")
+    say(result.sentence)
     if figure is not None:
         figure.parent.mkdir(parents=True, exist_ok=True)
         wrote([plot.save(plot.explanation(result, title=file.name), figure)])

@@ -17,8 +17,10 @@ from jgait.io.atomic import write_text
 STAGE = ".jgait.part"
 """Folder within the folder of results in which files lie until all are written."""
 
-RUNS = {"tune": "fits"}
-"""Command → name of its folder of intermediate results, where it is not `run`."""
+
+def run_of(out: Path, command: str) -> Path:
+    """The folder of a command's intermediate results, within that of its results."""
+    return out / {"tune": "fits", "estimate": "estimated"}.get(command, "run")
 
 
 class ResultsFolder:
@@ -34,45 +36,38 @@ class ResultsFolder:
     """
 
     def __init__(
-        self, path: Path, command: str, arguments: Mapping[str, Any] | None, planned: Mapping[str, str]
+        self, path: Path, command: str, arguments: Mapping[str, Any] | None, planned: Mapping[str, str], fresh: bool
     ) -> None:
-        """Read the manifest."""
-        self.path, self.stage, self.run = path, path / STAGE, path / RUNS.get(command, "run")
-        self._manifest = path / f".jgait-{command}.json"
-        self._planned = planned
-        self._bound = arguments is not None
-        self._now: dict[str, Any] = json.loads(json.dumps(arguments or {}))
+        """Bind the folder to the arguments; exits with code 2 if it holds results of others, or files of a user."""
+        self.path, self.stage, self.run = path, path / STAGE, run_of(path, command)
+        self._manifest, self._planned, self._bound = path / f".jgait-{command}.json", planned, arguments is not None
         before: dict[str, Any] = {}
         if self._manifest.exists():
             before = json.loads(self._manifest.read_text(encoding="utf-8"))
-        self._known = bool(before)
-        self._before: dict[str, Any] = dict(before.get("arguments", {}))
+        self._arguments: dict[str, Any] = dict(before.get("arguments", {}))
         self._files: dict[str, str] = dict(before.get("files", {}))
-        self._finished: bool = before.get("finished", True)
+        finished = before.get("finished", False)
         if any(name != Path(name).name for name in self._files):
             raise ValueError(f"{self._manifest.name} lists files of other folders")
-
-    def begin(self, fresh: bool) -> None:
-        """Bind the folder to the arguments; exits with code 2 if it holds results of others, or files of a user."""
-        changed = [key for key, value in self._now.items() if self._before.get(key, value) != value]
-        if fresh and self._known and self._bound:
+        now: dict[str, Any] = json.loads(json.dumps(arguments or {}))
+        changed = [key for key, value in now.items() if self._arguments.get(key, value) != value]
+        if fresh and before and self._bound:
             # The old manifest stays until all that it lists is gone: no old file is ever under new arguments.
             for name in self._files:
-                (self.path / name).unlink(missing_ok=True)
-            if self.run.is_dir():
-                shutil.rmtree(self.run)
-            self._before, self._files, self._finished = {}, {}, False
+                (path / name).unlink(missing_ok=True)
+            shutil.rmtree(self.run, ignore_errors=True)
+            self._arguments, self._files, finished = {}, {}, False
         elif changed:
             key = changed[0]
             more = f", and {len(changed) - 1} more changed" if len(changed) > 1 else ""
             stop(
-                f"{self.path} holds results of other arguments or inputs: {key} was “{self._before[key]}”, now "
-                f"“{self._now[key]}”{more}; give another --out, or --fresh to delete these results"
+                f"{path} holds results of other arguments or inputs: {key} was “{self._arguments[key]}”, now "
+                f"“{now[key]}”{more}; give another --out, or --fresh to delete these results"
             )
-        self._check(self._planned)
+        self._check(planned)
         if self._bound:
-            self._before |= self._now
-            self._write(self._finished and self._known)
+            self._arguments |= now
+            self._write(finished)
         self.stage.mkdir()
 
     def publish(self, files: Sequence[Path]) -> list[Path]:
@@ -117,7 +112,7 @@ class ResultsFolder:
                 stop(f"{self.path / name} is of {self._files[name]}; give another --out for {source}")
 
     def _write(self, finished: bool) -> None:
-        whole = {"arguments": self._before, "files": self._files, "finished": finished}
+        whole = {"arguments": self._arguments, "files": self._files, "finished": finished}
         write_text(self._manifest, json.dumps(whole, indent=1, sort_keys=True) + "\n")
 
 
@@ -166,9 +161,8 @@ def results_folder(
             out.mkdir(parents=True, exist_ok=True)
             stack.enter_context(_locked(out))
             shutil.rmtree(out / STAGE, ignore_errors=True)
-            folder = ResultsFolder(out, command, arguments, sources)
+            folder = ResultsFolder(out, command, arguments, sources, fresh)
             stack.callback(shutil.rmtree, folder.stage, ignore_errors=True)
-            folder.begin(fresh)
         try:
             yield folder
         except KeyboardInterrupt:

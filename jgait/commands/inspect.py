@@ -1,14 +1,14 @@
 """`jgait inspect`: what was understood of a file, before anything is computed from it."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
 from jgait import plot
 from jgait.commands import recordings
-from jgait.commands.console import console, say_failures, table_of, visible, wrote
+from jgait.commands.console import say, say_failures, show, wrote
 from jgait.events.rest import rest
 from jgait.notes import gravest_first, grouped, without_repeats
 from jgait.report.page import GRADES, significant
@@ -32,11 +32,7 @@ def inspect(
     Nothing is estimated. Gravity at rest near 9.8 m/s² and rates of 100 to 800 deg/s say that the units are right.
     Files are read as by jgait estimate. Exit code 0: all files could be read; 1: some could not; 2: none.
     """
-    placement, placements = recordings.places_of(place)
-    how: dict[str, Any] = {
-        "rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
-        "placement": placement, "placements": placements, "trial": trial,
-    }  # fmt: skip
+    how = recordings.how(rate, gyr_unit, acc_unit, range_unit, format, place, trial)
     made: list[Path] = []
     failures: list[tuple[str, str]] = []
     for file in files:
@@ -45,7 +41,7 @@ def inspect(
         except (ValueError, OSError) as error:
             failures.append((file.name, reason_of(error)))
             continue
-        show(recording, file.name)
+        _show(recording, file.name)
         out.mkdir(parents=True, exist_ok=True)
         made.append(plot.save(plot.signals(recording, title=file.name), out / f"{file.stem}_signals.png"))
     if made:
@@ -55,19 +51,18 @@ def inspect(
         raise typer.Exit(1 if made else 2)
 
 
-def show(recording: Recording, title: str) -> None:
+def _show(recording: Recording, title: str) -> None:
     """Print a recording's sensors, a row each, and what was noticed about them."""
     times = [as_float(imu.time) for imu in recording.sensors.values()]
     duration = max(time[-1] for time in times) - min(time[0] for time in times)
-    shown = table_of(
+    rate = recording.sampling_rate_hz
+    show(
         "sensor", "at rest [%]", "gravity at rest [m/s²]", "largest rate [deg/s]", "lost [%]", "longest loss [s]",
-        title=f"{title}: {duration:.1f} s at {recording.sampling_rate_hz:.5g} Hz",
+        rows=[(name, *map(significant, of_sensor(imu, rate))) for name, imu in recording.sensors.items()],
+        title=f"{title}: {duration:.1f} s at {rate:.5g} Hz",
     )  # fmt: skip
-    for name, imu in recording.sensors.items():
-        shown.add_row(visible(name), *map(significant, of_sensor(imu, recording.sampling_rate_hz)))
-    console.print(shown)
     for note in gravest_first(grouped(without_repeats(recording.notes))):
-        console.print(visible(f"{GRADES[note.severity]}: {note.text}"), highlight=False)
+        say(f"{GRADES[note.severity]}: {note.text}")
 
 
 def of_sensor(imu: Imu, rate_hz: float) -> tuple[float, ...]:

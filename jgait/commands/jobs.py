@@ -6,25 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jaxtyping import PyTree
-from rich.table import Table
 
 from jgait import io, plot
 from jgait import report as reports
 from jgait.commands import options
-from jgait.commands.console import table_of
-from jgait.commands.pipeline import Choice, chosen
+from jgait.commands.pipeline import chosen
 from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
 from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.stride_flags import regular
-from jgait.estimators.totals import (
-    FOOT_PATH,
-    JOINT_ANGLES,
-    LEG_STRIDES,
-    WAY,
-    distance_of,
-    has_legs,
-    has_strides,
-)
+from jgait.estimators.totals import FOOT_PATH, JOINT_ANGLES, LEG_STRIDES, WAY, distance_of, has_legs, has_strides
 from jgait.io.strides import special
 from jgait.io.totals import CAPTION, totals, totals_by_source
 from jgait.notes import Note, without_repeats
@@ -76,14 +66,20 @@ class RecordingResults(NamedTuple):
 class EstimateJob(NamedTuple):
     """The work on one recording after another."""
 
-    name: str  #: name of the estimator, or "all".
     about: About  #: states tables and figures.
-    table: Table  #: table that is printed, without rows.
-    caption: str  #: text below the table.
-    compute: Callable[
-        [Recording, Mapping[str, PyTree]], RecordingResults
-    ]  #: (recording, measures of a person) → results.
+    compute: Callable[[Recording, Mapping[str, PyTree]], RecordingResults]  #: (recording, measures of a person) → all.
     made: reports.Made  #: how the results are made, for a page.
+    caption: str = CAPTION  #: text below the table that is printed.
+
+    @property
+    def name(self) -> str:
+        """Name of the estimator, or "all"."""
+        return self.made.estimator if self.made.default is not None else "all"
+
+    @property
+    def title(self) -> str:
+        """Of the table that is printed."""
+        return f"{self.made.estimator}, the paper's pipeline" if self.made.pipeline else self.made.estimator
 
     @property
     def joined(self) -> list[str]:
@@ -103,35 +99,28 @@ def job_of(
     if estimator is None:
         return all_sensors(options.person_of(person, given))
     choice = chosen(estimator, paper, params, given)
-    return one_estimator(choice, options.person_in(person))
-
-
-def one_estimator(choice: Choice, person: Mapping[str, PyTree]) -> EstimateJob:
-    """The estimator that the options select."""
-    about, name = choice.estimator.about, choice.estimator.name
+    stated, about = options.person_in(person), choice.estimator.about
 
     def compute(recording: Recording, known: Mapping[str, PyTree]) -> RecordingResults:
-        p, lacking = choice.personal({**known, **person})
+        p, lacking = choice.personal({**known, **stated})
         estimate = choice.estimate(p, recording)
         notes = (*without_repeats((*recording.notes, *estimate.diagnostics["notes"])), *lacking)
         estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": notes})
         return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about)
 
-    table = table_of(
-        "recording", "measure", "value", left=3, title=f"{name}, the paper's pipeline" if choice.paper else name
+    made = reports.Made(estimator, None, choice.estimator.params, "the paper's" if paper else "")
+    return EstimateJob(
+        about, compute, made, "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
     )
-    caption = "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
-    made = reports.Made(name, None, choice.estimator.params, "the paper's" if choice.paper else "")
-    return EstimateJob(name, about, table, caption, compute, made)
 
 
 def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
     """Every estimator that has its sensors."""
-    table = table_of("recording", "measure", "value", "from", left=4, title="all sensors together")
-    return EstimateJob(
-        "all", ALL, table, CAPTION, lambda recording, known: of_analysis(analyse(recording, {**known, **person})),
-        reports.Made("all sensors together"),
-    )  # fmt: skip
+
+    def compute(recording: Recording, known: Mapping[str, PyTree]) -> RecordingResults:
+        return of_analysis(analyse(recording, {**known, **person}))
+
+    return EstimateJob(ALL, compute, reports.Made("all sensors together"))
 
 
 def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
@@ -140,15 +129,15 @@ def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
 
     estimate, notes = made.estimate, tuple(made.estimate.diagnostics.get("notes", ()))
 
-    def strides() -> "pd.DataFrame":
-        table = io.strides_to_dataframe(estimate)
-        return table.assign(special=special(estimate, about.flags), regular=regular(estimate, about.flags))
+    def rows_of(table: EstimateTable) -> "pd.DataFrame":
+        if table.rows == "samples":
+            return io.to_dataframe(estimate)
+        if table.rows == "strides":
+            flagged = {"special": special(estimate, about.flags), "regular": regular(estimate, about.flags)}
+            return io.strides_to_dataframe(estimate).assign(**flagged)
+        return pd.DataFrame(table.rows(estimate))
 
-    kinds: dict[Any, Callable[[], pd.DataFrame]] = {"samples": lambda: io.to_dataframe(estimate), "strides": strides}
-    tables = {
-        table.name: kinds[table.rows]() if isinstance(table.rows, str) else pd.DataFrame(table.rows(estimate))
-        for table in about.tables if table.when(estimate)
-    }  # fmt: skip
+    tables = {table.name: rows_of(table) for table in about.tables if table.when(estimate)}
     words = [[total.words, total.text] for total in totals(estimate, about.flags)]
     listed = {table.json: _records(tables[table.name]) for table in about.tables if table.json and table.name in tables}
     numbers = {**_numbers(estimate, notes), **about.numbers(estimate), **listed}
@@ -159,12 +148,9 @@ def of_analysis(made: Analysis) -> RecordingResults:
     """The results of all sensors: a row for each quantity, combined with its standard deviation, and of each source."""
     rows = [[total.words, total.text, total.source] for total in totals_by_source(made)]
     tables = io.analysis_to_dataframes(made)
-    numbers = {
-        **_numbers(made.estimate, made.notes),
-        "person": made.person,
-        **{name: _records(rows) for name, rows in tables.items() if name != "samples" and len(rows)},
-    }  # fmt: skip
+    listed = {name: _records(table) for name, table in tables.items() if name != "samples" and len(table)}
     kept = {name: table for name, table in tables.items() if len(table) or name == "summary"}  # many are joined
+    numbers = {**_numbers(made.estimate, made.notes), "person": made.person, **listed}
     return RecordingResults(made, made.notes, kept, rows, numbers)
 
 

@@ -90,10 +90,11 @@ def lessons_of(
         try:
             made = tuning.lessons(pipeline, answering(walks), body=body_of, reference=needed)
         except ValueError:
-            if not lacks or len(lacks) < len(source.items):
-                failures += lacks
-                raise
-            each = "; ".join(f"{reason} ({names})" for reason, names in by_reason(lacks).items())
-            raise ValueError(f"no recording of {source.title} can answer all of {', '.join(losses)}: {each}") from None
+            if lacks and len(lacks) == len(source.items):
+                each = "; ".join(f"{reason} ({names})" for reason, names in by_reason(lacks).items())
+                every = ", ".join(losses)
+                raise ValueError(f"no recording of {source.title} can answer all of {every}: {each}") from None
+            failures += lacks
+            raise
     failures += [*lacks, *made.failures]
     return made

@@ -43,23 +43,25 @@ def options_of(about: About) -> dict[str, CommandOption]:
     return measured | {option.name: option for option in about.options}
 
 
+EVERY = {name: options_of(estimators.about_of(name)) for name in estimators.names()}
+"""Estimator → its options by name."""
+
+
 def owners(option: str) -> list[str]:
     """The names of the estimators that have an option."""
-    return [name for name in estimators.names() if option in options_of(estimators.about_of(name))]
+    return [name for name, options in EVERY.items() if option in options]
 
 
 def epilog() -> str:
     """A paragraph for each estimator, with the columns that it needs, and one for each of its `Options`."""
     lines = []
-    for name in estimators.names():
+    for name in EVERY:
         about = estimators.about_of(name)
         lines.append(f"{name}: {about.title}. {'Columns: ' + about.needs if about.needs else ''}".rstrip())
-    known = {
-        option.name: option for name in estimators.names() for option in options_of(estimators.about_of(name)).values()
-    }
-    lines += [f"{named(name)} ({', '.join(owners(name))}): {option.help}"
-              for name, option in known.items() if name not in PLAIN]  # fmt: skip
-    return "\n\n".join(lines)
+    known = {name: option for options in EVERY.values() for name, option in options.items() if name not in PLAIN}
+    return "\n\n".join(
+        [*lines, *(f"{named(name)} ({', '.join(owners(name))}): {option.help}" for name, option in known.items())]
+    )
 
 
 def given(texts: list[str] | None, height: str | None, thigh: str | None, shank: str | None) -> dict[str, str]:
@@ -69,8 +71,7 @@ def given(texts: list[str] | None, height: str | None, thigh: str | None, shank:
         name, equals, value = text.partition("=")
         option = f"--{name.strip().replace('_', '-')}"
         if not equals or not owners(option):
-            every = (options_of(estimators.about_of(estimator)) for estimator in estimators.names())
-            names = sorted({known_option.removeprefix("--") for options in every for known_option in options})
+            names = sorted({known.removeprefix("--") for options in EVERY.values() for known in options})
             stop(f"--option is NAME=VALUE, with one of the names {', '.join(names)}; got {text!r}")
         values[option] = value.strip()
     return {name: value for name, value in values.items() if value is not None}
@@ -78,7 +79,7 @@ def given(texts: list[str] | None, height: str | None, thigh: str | None, shank:
 
 def given_of(name: str, values: Mapping[str, str]) -> dict[str, Any]:
     """Option → value, for an estimator; exits with code 2 for a value out of range, or an option that it lacks."""
-    mine = options_of(estimators.about_of(name))
+    mine = EVERY.get(name, {})
     for option in values:
         if option not in mine:
             stop(f"{named(option)} is an option of {' and '.join(owners(option))}; got --estimator {name}")
@@ -111,20 +112,19 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
     with refused(f'--person {file} is no JSON file with measures, such as {{"height": 1.75}}: '):
         check_regular(file, "a file of measures")
         content = json.loads(file.read_text(encoding="utf-8"))
-    known = {m.name: (m.low, m.high) for name in estimators.names() for m in estimators.about_of(name).measures}
     if not isinstance(content, dict) or not content:
         stop(f"--person {file} holds one object with measures such as height; got {str(content)[:60]!r}")
+    known = {m.name: (m.low, m.high) for name in EVERY for m in estimators.about_of(name).measures}
     with refused(f"--person {file}: "):
         content = in_metres(content)
-    for name, value in content.items():
-        if name not in known:
-            stop(f"--person {file}: a person has {', '.join(sorted(known))}; got {name!r}")
-        numbers = value if isinstance(value, list) else [value]
-        low, high = known[name]
-        if len(numbers) not in (1, 2) or not all(isinstance(v, int | float) for v in numbers):
-            stop(f"--person {file}: {name} is {low:g} to {high:g} m, one number or [right, left]; got {value!r}")
-        for wrong in filter(None, (outside(name, number, low, high) for number in numbers)):
-            stop(f"--person {file}: {wrong}")
+        for name, value in content.items():
+            if name not in known:
+                raise ValueError(f"a person has {', '.join(sorted(known))}; got {name!r}")
+            numbers, (low, high) = value if isinstance(value, list) else [value], known[name]
+            if len(numbers) not in (1, 2) or not all(isinstance(v, int | float) for v in numbers):
+                raise ValueError(f"{name} is {low:g} to {high:g} m, one number or [right, left]; got {value!r}")
+            for wrong in filter(None, (outside(name, number, low, high) for number in numbers)):
+                raise ValueError(wrong)
     return {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}
 
 
@@ -132,9 +132,9 @@ def person_of(file: Path | None, values: Mapping[str, str]) -> dict[str, PyTree]
     """The measures of a file and of options, as of `given`; exits with code 2 for an option that is no measure."""
     person = person_in(file)
     for option, text in values.items():
-        abouts = [estimators.about_of(name) for name in owners(option)]
-        names = {measure.name for about in abouts for measure in about.measures if measure.option == option}
+        known = owners(option)
+        names = {m.name for name in known for m in estimators.about_of(name).measures if m.option == option}
         if not names:
-            stop(f"{named(option)} is an option of {' and '.join(owners(option))}; give --estimator as well")
-        person |= dict.fromkeys(names, _value(options_of(abouts[0])[option], text))
+            stop(f"{named(option)} is an option of {' and '.join(known)}; give --estimator as well")
+        person |= dict.fromkeys(names, _value(EVERY[known[0]][option], text))
     return person

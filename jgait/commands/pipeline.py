@@ -10,7 +10,6 @@ from jaxtyping import PyTree
 from jgait import estimators, io
 from jgait.commands.console import count, note, refused, stop
 from jgait.commands.options import given_of, named
-from jgait.commands.rows import Contents
 from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import Settings
 from jgait.notes import DEFAULT_MEASURE, Kind, Note
@@ -44,20 +43,16 @@ class Choice(NamedTuple):
     def personal(self, known: Mapping[str, Any]) -> tuple[PyTree, list[Note]]:
         """The parameters of one person, and notes about measures for which the default is used."""
         about = self.estimator.about
-        measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
         names = [measure.name for measure in about.measures]
+        measured = {m.name: self.given[m.option] for m in about.measures if m.option in self.given}
         given = {name: value for name, value in {**known, **measured}.items() if name in names}
         p = self.estimator.with_body(self.params, given)
-        body = proportions.with_proportions(
-            given, [name for name in names if name != "height"] if proportions.gives(names) else names
-        )
         for option in about.options:
             if option.params is not None and option.name in self.given:
                 p = option.params(p, self.given[option.name])
-        return p, [
-            *(proportions.height_notes(given, names) if "height" in given else ()),
-            *missing(about, body, self.params, self.estimator.params),
-        ]
+        wanted = [name for name in names if name != "height"] if proportions.gives(names) else names
+        lacking = missing(about, proportions.with_proportions(given, wanted), self.params, self.estimator.params)
+        return p, [*(proportions.height_notes(given, names) if "height" in given else ()), *lacking]
 
     def estimate(self, p: PyTree, recording: Recording) -> Estimate:
         """The estimate of one recording."""
@@ -94,11 +89,10 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
     for option in about.options:
         if option.remark is not None and (text := option.remark(given.get(option.name))):
             note(text)
-    for line in not_held_out(file):
-        note(line)
-    for option in about.options:
         if option.settings is not None and option.name in given:
             settings = option.settings(settings, given[option.name])
+    for line in not_held_out(file):
+        note(line)
     estimator = estimators.get(name, **settings)
     return Choice(estimator, settings, start_of(estimator, file, paper), given, paper)
 
@@ -178,26 +172,25 @@ def not_held_out(
     if file is None or not first.get("cohort"):
         return ()
     judged: Any = first.get("held_out")
-    others = ""
-    first_contents = Contents(first.get("data", {}).values())
-    if judged and not any(first_contents.find(content) for tuning in before for content in tuning["data"].values()):
+    own, others, every = set(first.get("data", {}).values()), "", (first, *before)
+    earlier = {content for tuning in before for content in tuning["data"].values()}
+    if judged and not own & earlier:
         others = (
             f"; with {first.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
             f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
         )
-    name = Path(file).name
-    cohort = " and ".join(dict.fromkeys(Path(str(tuning["cohort"])).name for tuning in (first, *before)))
-    which = "errors on people of that cohort are"
-    if versions is not None and "subjects" in first:
-        tuned = Contents(content for tuning in (first, *before) for content in tuning["data"].values())
-        used = {recording for recording, content in versions.items() if tuned.find(content)}
-        unused = [who for recording, who in (subjects or {}).items() if recording in versions.keys() - used]
-        known = sorted({who for tuning in (first, *before) for who in tuning["subjects"]})
-        names = people([*known, *unused])
-        same = sum(who in names[: len(known)] for who in names[len(known) :])
-        if not used and not same:
-            return (HELD_OUT(file=name, cohort=cohort, recordings=len(versions), others=others),)
-        parts = {"used there": len(used), "of people with names used there": same}
-        each = " and ".join(f"{number} {what}" for what, number in parts.items() if number)
-        which = f"of {count(len(versions), 'recording', 'recordings')}, {each}, so that errors on them are"
-    return (NOT_HELD_OUT(file=name, cohort=cohort, which=which, others=others),)
+    cohort = " and ".join(dict.fromkeys(Path(str(tuning["cohort"])).name for tuning in every))
+    made = {"file": Path(file).name, "cohort": cohort, "others": others}
+    if versions is None or "subjects" not in first:
+        return (NOT_HELD_OUT(which="errors on people of that cohort are", **made),)
+    used = {recording for recording, content in versions.items() if content in own | earlier}
+    unused = [who for recording, who in (subjects or {}).items() if recording in versions.keys() - used]
+    known = sorted({who for tuning in every for who in tuning["subjects"]})
+    names = people([*known, *unused])
+    same = sum(who in names[: len(known)] for who in names[len(known) :])
+    if not used and not same:
+        return (HELD_OUT(recordings=len(versions), **made),)
+    parts = {"used there": len(used), "of people with names used there": same}
+    each = " and ".join(f"{number} {what}" for what, number in parts.items() if number)
+    which = f"of {count(len(versions), 'recording', 'recordings')}, {each}, so that errors on them are"
+    return (NOT_HELD_OUT(which=which, **made),)

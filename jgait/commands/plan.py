@@ -10,13 +10,14 @@ import typer
 
 from jgait import plot
 from jgait.commands import options, recordings
-from jgait.commands.console import Bar, console, progress, refused, stop, table_of, visible, write_json, wrote
+from jgait.commands.console import Bar, progress, refused, say, show, stop, write_json, wrote
 from jgait.commands.folder import keep_inputs
-from jgait.commands.simulate import GAITS, sensor_of
+from jgait.commands.simulate import sensor_of
 from jgait.estimators.columns import QUANTITIES
 from jgait.evaluate import study
 from jgait.geometry.vectors import GRAVITY
-from jgait.types import PLACEMENTS, SIDES, RecordingError, Walk, reason_of
+from jgait.simulate import GAITS
+from jgait.types import PLACEMENTS, SIDES, RecordingError
 
 GROUPS = {f"{part}s" if part != "foot" else "feet": tuple(f"{part}_{side}" for side in SIDES)
           for part in ("foot", "shank", "ankle", "thigh")}  # fmt: skip
@@ -83,7 +84,15 @@ def plan(
                 rate_hz=max(c.rate_hz for c in choices),
             ))  # fmt: skip
         else:
-            walks = _own(file, sets, options.person_in(person), rate, format, place)
+            recording = recordings.only(file, recordings.how(rate, None, None, None, format, place))
+            walks, body, reason = {}, options.person_in(person), ""
+            for each in sets:  # those that the recording has
+                try:
+                    walks[each] = [study.own_truth(recording, study.Setup(each), body)]
+                except RecordingError as error:
+                    reason = str(error)
+            if not walks:
+                stop(f"{file}: {reason}")
         parts = []
         for number, choice in enumerate(c for c in choices if c.placements in walks):
             bar("set-ups", number, len(choices))
@@ -121,28 +130,6 @@ def _numbers(option: str, text: str) -> list[float]:
     return values
 
 
-def _own(
-    file: Path, sets: list[tuple[str, ...]], body: dict[str, Any], rate: float | None, format: str | None,
-    place: list[str] | None,
-) -> dict[tuple[str, ...], list[Walk]]:  # fmt: skip
-    """Set of sensors → the recording with the truth by these sensors, for sets that it has."""
-    placement, placements = recordings.places_of(place)
-    made: dict[tuple[str, ...], list[Walk]] = {}
-    reason = ""
-    try:
-        recording = recordings.recording_of(file, rate=rate, format=format, placement=placement, placements=placements)
-    except Exception as error:
-        stop(f"{file}: {reason_of(error)}")
-    for each in sets:
-        try:
-            made[each] = [study.own_truth(recording, study.Setup(each), body)]
-        except RecordingError as error:
-            reason = str(error)
-    if not made:
-        stop(f"{file}: {reason}")
-    return made
-
-
 def _name(row: dict[Any, Any], choices: list[study.Setup]) -> str:
     """A set-up in words: its sensors and rate, and what differs among the set-ups."""
     groups = {names: word for word, names in GROUPS.items()}
@@ -158,19 +145,17 @@ def _name(row: dict[Any, Any], choices: list[study.Setup]) -> str:
 
 def _show(table: pd.DataFrame, measure: str, within: float | None, people: int) -> None:
     """Print the set-ups and the answer."""
-    column = QUANTITIES[measure]
+    column, rows = QUANTITIES[measure], []
     factor, unit = (100.0, "cm") if column.unit == "m" else (1.0, column.shown)
-    head = ("set-up", f"expected [{unit}]", "bias", "SD of people", "of a stride", "covered", "gyroscope [mW]", "walks")
-    shown = table_of(*head, title=f"{column.words}, mean of {people if people > 1 else 'each person'}")
     for row in table.to_dict("records"):
         if not row["walks"]:
-            shown.add_row(visible(row["name"]), "–", *[""] * 5, visible(row["reason"])[:60])
+            rows.append((row["name"], "–", *[""] * 5, row["reason"][:60]))
             continue
         numbers = [f"{factor * row[name]:.2f}" for name in ("expected", "bias", "sd", "stride_rmse")]
         covered = "–" if math.isnan(row["coverage"]) else f"{100.0 * row['coverage']:.0f} %"
-        shown.add_row(visible(row["name"]), *numbers, covered, f"{1e3 * row['gyr_power']:.1f}", str(row["walks"]))
-    console.print(shown)
+        rows.append((row["name"], *numbers, covered, f"{1e3 * row['gyr_power']:.1f}", row["walks"]))
+    head = ("set-up", f"expected [{unit}]", "bias", "SD of people", "of a stride", "covered", "gyroscope [mW]", "walks")
+    show(*head, rows=rows, title=f"{column.words}, mean of {people if people > 1 else 'each person'}")
     if within is not None:
         enough = table[(table["walks"] > 0) & (table["expected"] <= within)]["name"]
-        answer = f"within {factor * within:g} {unit}: " + ("; ".join(enough) or "no set-up")
-        console.print(visible(answer), highlight=False, soft_wrap=True)
+        say(f"within {factor * within:g} {unit}: " + ("; ".join(enough) or "no set-up"))

@@ -1,5 +1,6 @@
 """A laboratory's preset: what a cohort can teach an estimator, judged on people left out and on public sets."""
 
+import itertools
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ from jaxtyping import Array, Float, PyTree
 
 from jgait import datasets, evaluate, io
 from jgait.commands import cohort as cohorts
-from jgait.commands.console import Bar, console, progress, stop, table_of, visible, wrote
+from jgait.commands.console import Bar, progress, say, show, stop, wrote
 from jgait.commands.lessons import lessons_of, prepared
 from jgait.commands.pipeline import measures_of
 from jgait.commands.tune_report import ENOUGH, TuningOutcome
@@ -57,11 +58,11 @@ class Elsewhere(NamedTuple):
 def loss_of(pipeline: Estimator[PyTree, PyTree], walks: Sequence[Walk]) -> str:
     """The first of `PREFERRED` that the references of at least half of the walks answer; exits with code 2 if none."""
     answers = _answers(pipeline)
-    counts = {name: sum(not lacking(name, walk.reference) for walk in walks) for name in answers}
-    usable = [name for name, count in counts.items() if 2 * count >= max(1, len(walks))]
-    if not usable:
+    enough = (2 * sum(not lacking(name, walk.reference) for walk in walks) >= max(1, len(walks)) for name in answers)
+    found = next(itertools.compress(answers, enough), None)
+    if found is None:
         stop(f"a preset of {pipeline.name} needs references, for one of {', '.join(answers)}")
-    return usable[0]
+    return found
 
 
 def _answers(pipeline: Estimator[PyTree, PyTree]) -> list[str]:
@@ -83,18 +84,17 @@ def learnable(
     """Names of the parameters on whose direction the references of the people, or days, agree, and that are not
     collinear; the clearest first, at most one for each `PEOPLE_EACH` groups. Exits with code 2 if there is none.
     """
-    body = {measure.parameter or measure.name for measure in pipeline.about.measures
-            if measure.name in measures_of(pipeline)}  # fmt: skip
+    body = (m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline))
     without = (*pipeline.unused, *body)
-    rows = zip(names(pipeline.transforms), *map(_leaves, (pipeline.transforms, start)), strict=True)
     free = [
         name
-        for name, transform, value in rows
-        if transform.to_free is not None
-        and np.ndim(value) == 0
+        for name, transform, value in zip(
+            names(pipeline.transforms), *map(_leaves, (pipeline.transforms, start)), strict=True
+        )
+        if transform.to_free is not None and np.ndim(value) == 0
         and np.isfinite(transform.to_free(jnp.asarray(value)))
         and not any(name == other or name.startswith(f"{other}.") for other in without)
-    ]
+    ]  # fmt: skip
     _, slopes = _scores(terms, start, freed(pipeline.transforms, *free), made.data, True)
     of = np.asarray(groups)
     scores = np.stack([np.nan_to_num(slopes)[of == group].sum(axis=0) for group in dict.fromkeys(groups)])
@@ -192,14 +192,12 @@ def write(
             others = elsewhere(pipeline, start, params, judged, dataset)
         reason = refusal(outcome, many, others)
     if others:
-        shown = table_of("public set", "error, median of walks", "walks", "before", "after", left=2)
-        for row in others:
-            numbers = (str(row.n), significant(row.before), significant(row.after))
-            shown.add_row(*map(visible, (row.name, f"{row.words} [{row.unit}]")), *numbers)
-        console.print(shown)
+        rows = [(row.name, f"{row.words} [{row.unit}]", row.n, significant(row.before), significant(row.after))
+                for row in others]  # fmt: skip
+        show("public set", "error, median of walks", "walks", "before", "after", rows=rows, left=2)
     if reason:
         stop(f"no preset is written: {reason}")
     made = outcome.made | {"elsewhere": [row._asdict() for row in others]}
     file = io.write_preset(name, params, estimator=pipeline.name, stderr=outcome.spreads, made=made)
     wrote([file])
-    console.print(f"commands take it by --estimator {pipeline.name} --params preset:{name}", highlight=False)
+    say(f"commands take it by --estimator {pipeline.name} --params preset:{name}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from jaxtyping import PyTree
@@ -10,7 +10,7 @@ from jaxtyping import PyTree
 from jgait import io
 from jgait.commands.console import stop
 from jgait.io.formats import columns
-from jgait.types import PLACEMENTS, Recording, RecordingError
+from jgait.types import PLACEMENTS, Recording, RecordingError, reason_of
 
 Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")]
 RangeUnit = Annotated[str, typer.Option(help="Of the column feet_range: m, cm or mm.")]
@@ -71,17 +71,19 @@ def in_options(error: RecordingError, *names: str) -> RecordingError:
 
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
     """The placement for files of one sensor, and sensor → placement; exits with code 2 for any other text."""
-    places: dict[str, str] = {}
-    for text in given or ():
-        sensor, _, where = text.rpartition("=")
+    pairs = [text.rpartition("=")[::2] for text in given or ()]
+    for _, where in pairs:
         if where not in PLACEMENTS:
             stop(f"--place: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
-        if places and (not sensor or "" in places):
-            which = f"there can be one placement; got {' and '.join([*places.values(), where])}"
-            both = "give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both"
-            stop(f"--place: {f'without the sensor’s name {which}' if not sensor and '' in places else both}")
-        places[sensor] = where
-    return places.pop("", None), places
+    alone, places = (
+        [where for sensor, where in pairs if not sensor],
+        {sensor: where for sensor, where in pairs if sensor},
+    )
+    if alone and places:
+        stop("--place: give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
+    if len(alone) > 1:
+        stop(f"--place: without the sensor’s name there can be one placement; got {' and '.join(alone)}")
+    return (alone[0] if alone else None), places
 
 
 class Item(NamedTuple):
@@ -123,6 +125,27 @@ def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> l
     if len(trials) < 2:
         return [Item(file, name, trial)]
     return [Item(file, f"{name}_{of_trial.replace('/', '_')}", of_trial) for of_trial in trials]
+
+
+def how(
+    rate: float | None, gyr_unit: str | None, acc_unit: str | None, range_unit: str | None, format: str | None,
+    place: list[str] | None, trial: str | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """The arguments of `recording_of` that the options of this module state; exits with code 2 for a wrong place."""
+    placement, placements = places_of(place)
+    given = {
+        "rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
+        "placement": placement, "placements": placements, "trial": trial,
+    }  # fmt: skip
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def only(file: Path, how: Mapping[str, Any]) -> Recording:
+    """The recording of a command that has one; exits with code 2 if it cannot be used."""
+    try:
+        return recording_of(file, **how)
+    except Exception as error:
+        stop(f"{file}: {reason_of(error)}")
 
 
 def recording_of(

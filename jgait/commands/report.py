@@ -4,7 +4,7 @@ import shlex
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -12,8 +12,9 @@ from jgait import estimators
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, options, recordings
-from jgait.commands.console import console, count, note, refused, stop, write, write_json, wrote
+from jgait.commands.console import Json, count, note, refused, say, stop, write, write_json, wrote
 from jgait.commands.folder import keep_inputs, unfinished
+from jgait.datasets import DatasetUnavailable
 from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
 from jgait.report import Report, moves
@@ -66,7 +67,7 @@ def report(
         typer.Option(help="Add what moves a number of a recording, such as stride_length; see jgait explain."),
     ] = None,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    json_file: Json = None,
 ) -> None:
     """One self-contained HTML page about a recording or a cohort: summary, warnings in plain words, figures, tables.
 
@@ -81,35 +82,46 @@ def report(
     keep_inputs([out, json_file], [what, params])
     if json_file is not None and json_file.resolve() == out.resolve():
         stop(f"--json and --out are the same file: {out}")
-    placement, placements = recordings.places_of(place)
-    files = {"rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
-             "placement": placement, "placements": placements, "trial": trial}  # fmt: skip
+    files = recordings.how(rate, gyr_unit, acc_unit, range_unit, format, place, trial)
     command, given = command_of(context.obj), options.given(option, height, thigh, shank)
-    failures = 0
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
+    table_of_cohort = dataset or simulated or what is None or cohorts.is_cohort(what)
     if what is not None and dataset is None and simulated is None and what.is_dir():
         page, failures = _of_folder(what, command)
-    elif recording is not None or (what is not None and not (dataset or simulated) and not cohorts.is_cohort(what)):
-        walk = _walk(what, dataset, recording, files)
-        alone = estimator or (COHORTS_BY if paper or params else None)
-        job = jobs.job_of(alone, paper, params, person, given)
-        page = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command, explain)
+    elif recording is not None or not table_of_cohort:
+        if what is not None and dataset is not None:
+            stop("give one of: a file, --dataset NAME; got both")
+        job = jobs.job_of(estimator or (COHORTS_BY if paper or params else None), paper, params, person, given)
+        with refused(f"{dataset}: ", DatasetUnavailable):
+            walk = (
+                cohorts.of_set(str(dataset), str(recording))
+                if what is None
+                else Walk(recordings.only(what, files), None, {})
+            )
+        page, failures = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command, explain), 0
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
         for name in given:
             stop(f"{options.named(name)} is of one recording; for a cohort put a column into its table")
-        page, failures = _of_cohort(
-            what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, files, command, (out, json_file)
+        pipeline, start, source = cohorts.opened(
+            what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, gyr_unit, acc_unit
         )
+        keep_inputs((out, json_file), source.files)
+        rows, failed = source.with_failures(cohorts.evaluated(pipeline, start, source))
+        made = reports.Made(
+            pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
+            tuple(source.notes),
+        )  # fmt: skip
+        page, failures = reports.of_cohort(rows, title=source.title, made=made), len(failed)
     write(out, page.html)
     write_json(json_file, page.numbers)
     wrote([out, *([] if json_file is None else [json_file])])
     if show:
         webbrowser.open(out.resolve().as_uri())
     if failures:
-        console.print(f"{count(failures, 'recording', 'recordings')} could not be used", highlight=False)
+        say(f"{count(failures, 'recording', 'recordings')} could not be used")
         raise typer.Exit(1)
 
 
@@ -122,18 +134,6 @@ def command_of(words: Sequence[str]) -> str:
     return shlex.join(word for word in shown if word != "--open")
 
 
-def _walk(file: Path | None, dataset: str | None, name: str | None, files: dict[str, Any]) -> Walk:
-    """One recording of a file or of a data set; exits with code 2 if it cannot be used."""
-    if file is not None and dataset is not None:
-        stop("give one of: a file, --dataset NAME; got both")
-    try:
-        if dataset is None:
-            return Walk(recordings.recording_of(Path(str(file)), **files), None, {})
-        return cohorts.of_set(dataset, str(name))
-    except Exception as error:
-        stop(f"{file or dataset}: {reason_of(error)}")
-
-
 def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str, explain: str | None = None) -> Report:
     """The page of one recording, perhaps with what moves a number; exits with code 2 if it cannot be used."""
     known = cohorts.body(walk, tuple({name for names in MEASURES.values() for name in names}))
@@ -144,39 +144,24 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str, explain:
     for line in grouped(result.notes):
         note(line)
     made = job.made._replace(file=data, command=command)
-    joined = isinstance(result.made, Analysis)
-    first = result.made.sources[0] if joined else result.made
     more: list[Section] = []
+    if isinstance(result.made, Analysis):
+        first, name, settings, person = result.made.sources[0], result.made.sources[0].estimator, {}, result.made.person
+    else:
+        first, name, settings, person = result.made, job.name, result.made.settings, {}
     if explain is not None:
-        estimator = estimators.get(first.estimator if joined else job.name, **(first.settings if not joined else {}))
         with refused(f"--explain: {data}: "):
-            person = result.made.person if joined else {}
+            estimator = estimators.get(name, **settings)
             more = [moves.section(explained_by(estimator, first.params, walk.recording, explain, person=person))]
-    if joined:
+    if isinstance(result.made, Analysis):
         return reports.of_analysis(result.made, walk.recording, reference=walk.reference, made=made, more=more)
     made = made._replace(params=first.params)
     return reports.of_estimate(first.estimate, walk.recording, reference=walk.reference, made=made, more=more)
 
 
-def _of_cohort(
-    table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
-    params: Path | None, files: dict[str, Any], command: str, outputs: tuple[Path | None, ...],
-) -> tuple[Report, int]:  # fmt: skip
-    """The page of a cohort whose results are computed now."""
-    pipeline, start, source = cohorts.opened(
-        table, dataset, simulated, seed, estimator, paper, params, files["gyr_unit"], files["acc_unit"]
-    )
-    keep_inputs(outputs, source.files)
-    rows, _ = source.with_failures(cohorts.evaluated(pipeline, start, source))
-    made = reports.Made(
-        pipeline.name, start, pipeline.params, "the paper's" if paper else "", source.title, command,
-        tuple(source.notes),
-    )  # fmt: skip
-    return reports.of_cohort(rows, title=source.title, made=made), len(rows.failures)
-
-
 def _of_folder(folder: Path, command: str) -> tuple[Report, int]:
     """The page of the results of `jgait evaluate` in a folder."""
+    wrong = f"{folder} is no folder that jgait evaluate wrote"
     try:
         if unfinished(folder, "evaluate"):
             stop(f"{folder} holds an evaluation that did not end; repeat it")
@@ -187,9 +172,7 @@ def _of_folder(folder: Path, command: str) -> tuple[Report, int]:
         raise
     except FileNotFoundError as error:
         lacking = Path(error.filename or "recordings.csv").name
-        stop(
-            f"{folder} is no folder that jgait evaluate wrote: it has no {lacking}. Give the folder that it wrote, "
-            "or a file: one recording, or a table of recordings with a column 'file'"
-        )
+        stop(f"{wrong}: it has no {lacking}. Give the folder that it wrote, or a file: one recording, or a table of "
+             "recordings with a column 'file'")  # fmt: skip
     except Exception as error:
-        stop(f"{folder} is no folder that jgait evaluate wrote: {reason_of(error)}")
+        stop(f"{wrong}: {reason_of(error)}")

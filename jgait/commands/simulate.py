@@ -1,6 +1,5 @@
 """`jgait simulate`: walks with known truth, as the files that a lab would record."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -8,27 +7,23 @@ import jax
 import numpy as np
 import pandas as pd
 import typer
-from jaxtyping import PRNGKeyArray
 
 from jgait import io
 from jgait import simulate as simulation
-from jgait.commands.console import Bar, console, count, progress, refused, stop, table_of, visible, write_json
+from jgait.commands.console import Bar, count, progress, refused, say, show, stop, write_json
 from jgait.commands.folder import results_folder
+from jgait.simulate import GAITS
 from jgait.simulate import sensors as worn_sensors
-from jgait.simulate.routes import Route
+from jgait.simulate.routes import Route, walked_length
 from jgait.types import PLACEMENTS, Recording
 
-ROUTES = {
-    "straight": (1, "length"), "u_turn": (1, "length"), "about_turn": (1, "length"), "rectangle": (2, "a,b"),
-    "circle": (1, "radius"),
-}  # fmt: skip
-"""Name → the number of lengths [m] of the route, and their names."""
+ROUTES = {"straight": 1, "u_turn": 1, "about_turn": 1, "rectangle": 2, "circle": 1}
+"""Name → the number of lengths [m] of the route."""
 
-
-GAITS = (
-    "slow", "fast", "shuffling", "limping", "stiff_leg", "hemiparetic", "unsteady", "crouched", "running", "toes_out",
-)  # fmt: skip
 HIGHEST_RATE_HZ = 1000.0
+
+MOST = 20
+"""Largest number of walks in the table on the terminal."""
 
 
 def simulate(
@@ -63,14 +58,26 @@ def simulate(
     files; names of people end with the seed if it is not 0. Feet, pelvis and sensors move as those of recorded people
     do.
     """
-    worn = None if placements is None else tuple(name.strip() for name in placements.split(",") if name.strip())
+    worn = simulation.SEVEN if placements is None else tuple(filter(None, map(str.strip, placements.split(","))))
     asked: dict[str, Any] = {
         "people": people, "route": route, "gait": gait, "sensors": sensors, "rate": rate,
-        "placements": worn and list(worn), "seed": seed,
+        "placements": placements and list(worn), "seed": seed,
     }  # fmt: skip
     if gait is not None and gait not in GAITS:
         stop(f"--gait must be one of {', '.join(GAITS)}; got {gait!r}")
-    walks = _drawn(jax.random.key(seed), people, _route(route), gait, _options(sensors, rate, worn))
+    if rate is not None and not 10.0 <= rate <= HIGHEST_RATE_HZ:
+        stop(f"--rate must be between 10 and {HIGHEST_RATE_HZ:g} Hz; got {rate:g}")
+    for name in worn:
+        if name not in PLACEMENTS:
+            stop(f"--placements: there is no {name!r}; known are {', '.join(PLACEMENTS)}")
+    along, errors = _route(route), sensor_of(sensors or "mpu6000")
+    who, how = jax.random.split(jax.random.key(seed))
+    drawn = simulation.population(who, people)
+    keys = [jax.random.fold_in(how, i) for i in range(people)]
+    persons = [simulation.person_of(drawn, i) for i in range(people)]
+    persons = [person if gait is None else simulation.walking(person, gait) for person in persons]
+    names = [f"subject_{i + 1:04d}{f'_seed{seed}' if seed else ''}" for i in range(people)]  # of two seeds are others
+    distance = float(walked_length(along))
     written: dict[str, Any] = {}
     with (
         results_folder(out, "simulate", asked, planned=["cohort.csv"], json_file=json_file, fresh=fresh) as folder,
@@ -79,34 +86,24 @@ def simulate(
     ):
         bar, files = Bar(bars), list[Path]()
         bar("simulating (the first walk compiles)", 0, people)
-        for number, (recording, truth, person, distance) in enumerate(walks, 1):
-            if seed:  # people of two seeds are others
-                name, subject = f"{recording.name}_seed{seed}", f"{recording.subject}_seed{seed}"
-                recording = recording._replace(name=name, subject=subject)
+        persons = [simulation.covering(key, person, along) for key, person in zip(keys, persons, strict=True)]
+        walks = simulation.walks(keys, persons, [along] * people, errors, rate or 100.0, worn, names=names)
+        for person, (recording, truth) in zip(persons, walks, strict=True):
             written[recording.name] = _written(recording, truth, person, distance, folder.stage, files)
-            bar("simulating", number, people)
+            bar("simulating", len(written), people)
         table = pd.DataFrame(list(written.values())).drop(columns=["duration_s", "strides", "sensors"])
         folder.publish([*files, io.write_csv(table, folder.stage / "cohort.csv")])
     write_json(json_file, {"asked": asked, "walks": written})
-    _show(written)
-    cohort = visible(out / "cohort.csv")
-    console.print(
-        f"wrote {count(len(written), 'recording', 'recordings')}, each with its truth, and {cohort} "
-        f"(jgait evaluate {cohort})",
-        soft_wrap=True, highlight=False,
-    )  # fmt: skip
-
-
-def _options(sensors: str | None, rate: float | None, worn: tuple[str, ...] | None) -> dict[str, Any]:
-    """The options of the sensors; exits with code 2 for an unknown sensor, rate or placement."""
-    errors = None if sensors is None else sensor_of(sensors)
-    if rate is not None and not 10.0 <= rate <= HIGHEST_RATE_HZ:
-        stop(f"--rate must be between 10 and {HIGHEST_RATE_HZ:g} Hz; got {rate:g}")
-    for name in worn or ():
-        if name not in PLACEMENTS:
-            stop(f"--placements: there is no {name!r}; known are {', '.join(PLACEMENTS)}")
-    given = {"errors": errors, "rate": rate, "placements": worn}
-    return {name: value for name, value in given.items() if value is not None}
+    rows = [
+        (name, f"{row['duration_s']:.1f}", f"{row['distance_m']:.2f}", row["strides"], len(row["sensors"]))
+        for name, row in list(written.items())[:MOST]
+    ]
+    show("recording", "duration [s]", "distance [m]", "strides", "sensors", rows=rows, title="simulated walks")
+    if len(written) > MOST:
+        say(f"… and {len(written) - MOST} more")
+    cohort = out / "cohort.csv"
+    many = count(len(written), "recording", "recordings")
+    say(f"wrote {many}, each with its truth, and {cohort} (jgait evaluate {cohort})")
 
 
 def sensor_of(name: str) -> worn_sensors.ImuErrors:
@@ -116,26 +113,6 @@ def sensor_of(name: str) -> worn_sensors.ImuErrors:
     if name.lower() not in known:
         stop(f"--sensors must be one of {', '.join(sorted(known))}; got {name!r}")
     return known[name.lower()]
-
-
-def _drawn(
-    key: PRNGKeyArray, people: int, along: Route, gait: str | None, options: dict[str, Any]
-) -> Iterator[tuple[Recording, simulation.Truth, simulation.Person, float]]:
-    """Walks of people drawn from the norms on one route, in a gait that is not the usual one if it is given: readings,
-    truth, who walked, and the length of the route [m].
-    """
-    who, how = jax.random.split(key)
-    drawn = simulation.population(who, people)
-    keys = [jax.random.fold_in(how, i) for i in range(people)]
-    who_walk = [simulation.person_of(drawn, i) for i in range(people)]
-    if gait is not None:
-        who_walk = [simulation.walking(person, gait) for person in who_walk]
-    fit = [simulation.covering(k, person, along) for k, person in zip(keys, who_walk, strict=True)]
-    asked = {"errors": worn_sensors.MPU6000, "rate": 100.0, "placements": simulation.SEVEN, **options}
-    walks = simulation.walks(keys, fit, [along] * people, **asked)
-    distance = float(simulation.routes.walked_length(along))
-    for (recording, truth), person in zip(walks, fit, strict=True):
-        yield recording, truth, person, distance
 
 
 def _route(text: str) -> Route:
@@ -148,7 +125,7 @@ def _route(text: str) -> Route:
         metres = [float(text) for text in lengths.split(",")]
     except ValueError:
         metres = []
-    if len(metres) != ROUTES[name][0] or not all(1.0 <= metre <= 1000.0 for metre in metres):
+    if len(metres) != ROUTES[name] or not all(1.0 <= metre <= 1000.0 for metre in metres):
         stop(f"{expected}, from 1 to 1000 m; got {text!r}")
     return getattr(simulation, name)(*metres)
 
@@ -172,13 +149,3 @@ def _written(
         "reference_strides": f"{name}_strides.csv", "duration_s": float(truth.estimate.time[-1]),
         "strides": int(np.count_nonzero(truth.strides.valid)), "sensors": list(recording.sensors),
     }  # fmt: skip
-
-
-def _show(written: dict[str, Any], most: int = 20) -> None:
-    table = table_of("recording", "duration [s]", "distance [m]", "strides", "sensors", title="simulated walks")
-    for name, row in list(written.items())[:most]:
-        cells = (f"{row['duration_s']:.1f}", f"{row['distance_m']:.2f}", str(row["strides"]), str(len(row["sensors"])))
-        table.add_row(visible(name), *cells)
-    console.print(table)
-    if len(written) > most:
-        console.print(f"… and {len(written) - most} more", highlight=False)

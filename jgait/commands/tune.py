@@ -1,7 +1,7 @@
 """`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
+import contextlib
 import dataclasses
-import warnings
 from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,9 +12,9 @@ from jaxtyping import PyTree
 
 from jgait import io
 from jgait.commands import cohort as cohorts
+from jgait.commands import console, machines, recordings, tune_report, tune_run
 from jgait.commands import preset as presets
-from jgait.commands import recordings, tune_report, tune_run
-from jgait.commands.console import Bar, console, note, progress, refused, say_failures, say_flags, stop
+from jgait.commands.console import refused, say_failures, stop
 from jgait.commands.folder import results_folder
 from jgait.commands.lessons import lessons_of, prepared
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of, tunings
@@ -26,7 +26,6 @@ from jgait.notes import Note, of_recordings
 from jgait.params import freed, priors
 from jgait.report.cohort import of_notes
 from jgait.tune import LOSSES, Lessons, objective, parsed
-from jgait.tune.checkpoint import OtherFitError
 from jgait.types import Estimate, Walk
 
 SOFT = frozenset({"softness", "threshold_factor"})
@@ -36,48 +35,57 @@ COMPARED = {"distance": "distance_m", "stride_length": "stride_length_m", "calib
 """Loss → the quantity that it compares with the reference."""
 
 
+Free = Annotated[
+    str | None,
+    typer.Option(help="What is learned, for example distance_scale,angle_noise; with --preset found by itself."),
+]
+Loss = Annotated[
+    str | None,
+    typer.Option(
+        help="Losses with weights, for example position=1,stride_length=0.2; default: distance, with --preset what the "
+        "references answer."
+    ),
+]
+Judge = Annotated[str | None, typer.Option(help="The loss whose error judges people; default: the first loss.")]
+Steps = Annotated[int, typer.Option(min=1, help="Largest number; a fit stops earlier where the loss is flat.")]
+Starts = Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")]
+Folds = Annotated[int | None, typer.Option(min=2, help="Groups of people or days; default: each alone.")]
+Cross = Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")]
+Noise = Annotated[str | None, typer.Option(help="Noise model of the zero velocity: constant, log_linear or network.")]
+Preset = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="Choose what can be learned, judge it on others, and write it as a preset if it gains."
+    ),
+]
+Out = Annotated[Path, typer.Option(help="Folder for results; an interrupted run continues there.")]
+
+
 def tune(
-    free: Annotated[
-        str | None,
-        typer.Option(help="What is learned, for example distance_scale,angle_noise; with --preset found by itself."),
-    ] = None,
+    context: typer.Context,
+    free: Free = None,
     table: cohorts.File = None,
     dataset: cohorts.Dataset = None,
     simulated: cohorts.Simulated = None,
-    loss: Annotated[
-        str | None,
-        typer.Option(
-            help="Losses with weights, for example position=1,stride_length=0.2; default: distance, with "
-            "--preset what the references answer."
-        ),
-    ] = None,
-    judge: Annotated[
-        str | None, typer.Option(help="The loss whose error judges people; default: the first loss.")
-    ] = None,
-    steps: Annotated[int, typer.Option(min=1, help="Largest number; a fit stops earlier where the loss is flat.")] = 60,
-    starts: Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")] = 1,
-    folds: Annotated[int | None, typer.Option(min=2, help="Groups of people or days; default: each alone.")] = None,
-    cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
+    loss: Loss = None,
+    judge: Judge = None,
+    steps: Steps = 60,
+    starts: Starts = 1,
+    folds: Folds = None,
+    cross: Cross = True,
     estimator: cohorts.EstimatorName = "leg_ekf",
-    noise: Annotated[
-        str | None, typer.Option(help="Noise model of the zero velocity: constant, log_linear or network.")
-    ] = None,
+    noise: Noise = None,
     paper: cohorts.Paper = False,
     params: cohorts.Params = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
-    preset: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="Choose what can be learned, judge it on others, and write it as a preset if it gains."
-        ),
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for results; an interrupted run continues there.")] = (
-        Path("jgait-tuning")
-    ),
-    fresh: Annotated[bool, typer.Option("--fresh", help="Delete the results of an earlier run in the folder.")] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    preset: Preset = None,
+    out: Out = Path("jgait-tuning"),
+    dask: machines.Dask = None,
+    part: machines.PartText = None,
+    fresh: console.Fresh = False,
+    json_file: console.Json = None,
 ) -> None:
     """Learn parameters from a cohort by gradient, and judge them on people from whom they were not learned.
 
@@ -107,41 +115,38 @@ def tune(
         if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):
             stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
     source = cohorts.source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)
-    failures = list(source.failures)
     with refused():
         if every := [*weights, *([judged] if judged else [])]:
             objective(pipeline, None, dict.fromkeys(every, 1.0))
+    failures = list(source.failures)
     walks, ready = prepared(source, pipeline, failures)
     weights = weights or {presets.loss_of(pipeline, walks.items): 1.0}
     judged = judged or next(iter(weights))
-    asked_for = list(dict.fromkeys([*weights, judged]))
     try:
-        made = lessons_of(ready, walks, start, names, failures, asked_for)
+        made = lessons_of(ready, walks, start, names, failures, list(dict.fromkeys([*weights, judged])))
     except ValueError as error:
         say_failures(failures)
         stop(str(error))
     say_failures(failures)
-    if used := [copy.note for copy in source.copies if {copy.recording, copy.other} <= set(made.names)]:
+    if used := [c for c in source.copies if {c.values["recording"], c.values["other"]} <= set(made.names)]:
         stop(f"{'; '.join(map(str, used))}. {COPIED.meaning}")
     groups = tune_run.groups_of(made)
-    if len(set(made.subjects)) == 1 and any(made.days) and not all(made.days):
-        without = [name for name, day in zip(made.names, made.days, strict=True) if not day]
-        note(f"days are not left out in turn, because the day of these recordings is not known: {', '.join(without)}")
     terms = objective(pipeline, made.options, weights)
     if preset is not None:
         names = names or presets.learnable(pipeline, start, made, groups.labels, terms)
         terms = presets.terms_of(pipeline, start, made, weights)
         learned = freed(pipeline.transforms, *names)
-        console.print(
-            f"learned: {', '.join(names)}, from {', '.join(str(name) for name, _ in terms.terms)}", highlight=False
-        )
-    text = loss if preset is None else ",".join(f"{name}={weight:.4g}" for name, weight in terms.terms)
+        console.say(f"learned: {', '.join(names)}, from {', '.join(str(name) for name, _ in terms.terms)}")
+        loss = ",".join(f"{name}={weight:.4g}" for name, weight in terms.terms)
     count = len(set(groups.labels))
     if cross and folds is not None and 1 < count < folds:
         stop(f"--folds must be between 2 and the {count} {groups.many}; got {folds}")
+    of = machines.part_of(part)
+    if of is not None and not (cross and count > 1):
+        stop("--part is of the cross-validation, whose folds are fitted apart; there is none")
     how: dict[str, Any] = {
         "pipeline": "paper" if paper else "default", "free": names,
-        "loss": text, "steps": steps, "starts": starts, "seed": seed, "cohort": source.title,
+        "loss": loss, "steps": steps, "starts": starts, "seed": seed, "cohort": source.title,
         "recordings": len(made.names), "people": len(set(made.subjects)), "left_out": groups.many,
         "options": {name: getattr(made.options, name) for name in ("soft", "noise") if hasattr(made.options, name)},
         "subjects": sorted(set(made.subjects)), "data": source.versions(made.names, ("file", *REFERENCES)),
@@ -154,32 +159,29 @@ def tune(
         "params": None if params is None else str(params), **source.marks,
     }  # fmt: skip
     read = [table, params, *source.files]
-    with results_folder(
-        out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
-    ) as folder:
-        _say_notes(ready, start, walks, made, weights)
-        judging = LOSSES[judged]
-        settings = {
-            "steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": priors(start),
-        }  # fmt: skip
-        job = tune_run.Job(
-            pipeline, start, learned, made, groups, terms, dataclasses.replace(terms, terms=((judging.error, 1.0),)),
-            judging.unit, judging.words, settings, folds, folder.run,
+    with contextlib.ExitStack() as stack:
+        folder = stack.enter_context(
+            of.folder(out, "tune", context, asked, read, fresh) if of is not None else results_folder(
+                out, "tune", asked, planned=tune_report.PLANNED, inputs=read, json_file=json_file, fresh=fresh
+            )
         )  # fmt: skip
-        with progress() as bars, warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            with refused("", TypeError):
-                try:
-                    results = tune_run.learned(job, Bar(bars), cross, weights)
-                except OtherFitError as error:
-                    stop(f"{error}; --fresh starts anew")
-        for message in dict.fromkeys(str(warning.message) for warning in caught):
-            note(message)
-        outcome = tune_report.report(title, job, results, how, folder, failures, json_file)
-    if preset is not None:
+        client = stack.enter_context(machines.client_of(dask))
+        if of is None:
+            _say_notes(ready, start, walks, made, weights)
+        settings = {"steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": priors(start)}
+        of_each = dataclasses.replace(terms, terms=((LOSSES[judged].error, 1.0),))
+        job = tune_run.Job(
+            pipeline, start, learned, made, groups, terms, of_each, LOSSES[judged].unit, LOSSES[judged].words, settings,
+            folds, folder.run, of, client,
+        )  # fmt: skip
+        results = tune_run.run(job, cross, weights)
+        outcome = None if results is None else tune_report.report(title, job, results, how, folder, failures, json_file)
+    if results is None or outcome is None:
+        console.say(f"part {of} is done; with all parts there: jgait join {out}")
+    elif preset is not None:
         presets.write(preset, pipeline, start, results.fit.params, outcome, groups.many, judged, dataset)
     if failures:
-        console.print(f"{of_recordings(len(failures), len(failures) + len(made.names))} could not be used")
+        console.say(f"{of_recordings(len(failures), len(failures) + len(made.names))} could not be used")
         raise typer.Exit(1)
 
 
@@ -207,4 +209,4 @@ def _say_notes(
             f"the references of all {len(rows)} recordings contradict the estimates, such as {name}: {first}. "
             f"{first.meaning}"
         )
-    say_flags(of_notes(rows), "jgait evaluate of the same recordings")
+    console.say_flags(of_notes(rows), "jgait evaluate of the same recordings")

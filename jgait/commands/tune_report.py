@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jgait import evaluate, io, plot
-from jgait.commands.console import console, count, note, table_of, visible, write_json, wrote
+from jgait.commands.console import console, count, note, say, show, table_of, write_json, wrote
 from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
 from jgait.evaluate import PairedDifference
@@ -46,55 +46,34 @@ def report(
     failures: list[tuple[str, str]], json_file: Path | None,
 ) -> TuningOutcome:  # fmt: skip
     """Write and print everything."""
-    out = folder.stage
+    out, fit, left = folder.stage, results.fit, results.validation
     values = _values(job, results)
     spreads = {name: row["stderr"] for name, row in values.items() if row["stderr"] is not None}
-    doubts = {"not_learned": list(results.fit.not_learned), "not_determined": results.undetermined}
-    held_out = None
-    if results.validation is not None:
-        each = results.validation.table
-        medians = {name: float(each[f"error_{name}"].median()) for name in ("before", "after")}
-        held_out = {"error": job.judged, "unit": job.unit, "n": len(each), **medians}  # of people, or of days
+    doubts = {"not_learned": list(fit.not_learned), "not_determined": results.undetermined}
+    held_out, change = None, None
+    files = [plot.save(plot_tuning.training(fit, title=title), out / "training.png")]
+    if left is not None:
+        medians = {name: float(left.table[f"error_{name}"].median()) for name in ("before", "after")}
+        held_out = {"error": job.judged, "unit": job.unit, "n": len(left.table), **medians}  # of people, or of days
+        change = _held_out(job, left.items, out, files)
     origin = how | doubts | {"held_out": held_out}
-    files = [
-        io.write_params(
-            out / "tuned.json", results.fit.params, estimator=job.pipeline.name, stderr=spreads, made=origin
-        ),
-        plot.save(plot_tuning.training(results.fit, title=title), out / "training.png"),
-    ]  # fmt: skip
-    change = None
-    if results.validation is not None:
-        table = results.validation.table
-        items = results.validation.items.assign(recording=job.made.names)
-        files.append(out / "held_out.csv")
-        people = items.assign(
-            subject=job.made.subjects, **({"day": items["subject"]} if job.groups.singular == "day" else {})
-        )
-        columns = ["recording", "subject", "day", "fold", "error_before", "error_after"]
-        in_cells(people[[name for name in columns if name in people]]).to_csv(files[-1], index=False)
-        rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
-        change = evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
-        drawn = plot_cohort.before_after(
-            rows, unit=job.unit, name=job.judged,
-            title=f"each {job.groups.singular} judged by parameters learned from other {job.groups.many}",
-        )  # fmt: skip
-        files.append(plot.save(drawn, out / "before_after.png"))
-    files = folder.publish(files)
-    taken = f"{count(results.fit.losses.size, 'step', 'steps')} of at most {how['steps']}"
-    console.print(
-        f"{visible(title)}: {count(len(job.made.names), 'recording', 'recordings')} of "
-        f"{count(how['people'], 'person', 'people')}, {taken}", highlight=False,
+    tuned = io.write_params(
+        out / "tuned.json", fit.params, estimator=job.pipeline.name, stderr=spreads, made=origin
     )  # fmt: skip
-    if change is not None:
-        _show_held_out(table, job, change)
+    files = folder.publish([tuned, *files])
+    people, taken = count(how["people"], "person", "people"), count(fit.losses.size, "step", "steps")
+    recordings = count(len(job.made.names), "recording", "recordings")
+    say(f"{title}: {recordings} of {people}, {taken} of at most {how['steps']}")
+    if left is not None and change is not None:
+        _show_held_out(left.table, job, change)
     _show_values(values)
     if results.errors is not None:
         before, after = map(significant, results.errors)
-        losses = (significant(value, 4) for value in (results.fit.losses[0], results.fit.best_loss))
+        losses = (significant(value, 4) for value in (fit.losses[0], fit.best_loss))
         error_text = f"{job.judged} [{job.unit}] of the recordings learned from, median: {before} before, {after} after"
-        console.print(visible(f"{error_text}; loss {' before, '.join(losses)} after"), highlight=False, soft_wrap=True)
+        say(f"{error_text}; loss {' before, '.join(losses)} after")
     for line in [] if results.known is None else results.known.sentences:
-        console.print(visible(f"· {line}"), highlight=False)
+        say(f"· {line}")
     if results.undetermined:
         why = "" if results.known else "the loss hardly changes with a factor of e, or a quarter of the range, so that "
         note(
@@ -107,64 +86,81 @@ def report(
         note(line)
     wrote(files)
     write_json(json_file, {
-        **how, **doubts, "steps_taken": results.fit.losses.size, "values": values,
+        **how, **doubts, "steps_taken": fit.losses.size, "values": values,
         "held_out": None if change is None else change._asdict() | {"unit": job.unit},
-        "losses": [float(v) for v in results.fit.losses], "failures": dict(failures), "files": list(map(str, files)),
+        "losses": [float(v) for v in fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
-    if held_out is not None:
-        origin["held_out"] = held_out | {"each": json.loads(each.reset_index().to_json(orient="records"))}
+    if held_out is not None and left is not None:
+        each = json.loads(left.table.reset_index().to_json(orient="records"))
+        origin["held_out"] = held_out | {"each": each}
     return TuningOutcome(origin, spreads, change)
+
+
+def _held_out(job: Job, items: "pd.DataFrame", out: Path, files: list[Path]) -> PairedDifference:
+    """Write the errors of the recordings left out, and draw them; returns their change."""
+    items = items.assign(recording=job.made.names)
+    days = {"day": items["subject"]} if job.groups.singular == "day" else {}
+    table = items.assign(subject=job.made.subjects, **days)
+    columns = ["recording", "subject", *days, "fold", "error_before", "error_after"]
+    in_cells(table[columns]).to_csv(out / "held_out.csv", index=False)
+    rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
+    drawn = plot_cohort.before_after(
+        rows, unit=job.unit, name=job.judged,
+        title=f"each {job.groups.singular} judged by parameters learned from other {job.groups.many}",
+    )  # fmt: skip
+    files += [out / "held_out.csv", plot.save(drawn, out / "before_after.png")]
+    return evaluate.paired_difference(rows["error_before"], rows["error_after"], rows["subject"], seed=0)
 
 
 def _values(job: Job, results: TuningResults) -> dict[str, dict[str, Any]]:
     """Every learned number: unit, value before and after; standard error and ends of its 95 % interval, or None."""
     units, known = io.units(job.start), results.known
     free, before, after = (flat(params) for params in (results.fit.free, job.start, results.fit.params))
+    ends = ("stderr", "low", "high")
     rows = {
-        name: {"unit": units[name], "before": before[name], "after": after[name], "stderr": None, "low": None,
-               "high": None}
+        name: {"unit": units[name], "before": before[name], "after": after[name], **dict.fromkeys(ends)}
         for name in after if name in free
     }  # fmt: skip
     for name, *numbers in () if known is None else zip(known.names, known.stderr, known.low, known.high, strict=True):
         if np.isfinite(numbers).all():
-            rows[name] |= dict(zip(("stderr", "low", "high"), map(float, numbers), strict=True))
+            rows[name] |= dict(zip(ends, map(float, numbers), strict=True))
     return rows
 
 
 def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) -> None:
     """Print the error of each person or day before and after learning from the others, and the verdict."""
     singular, plural = job.groups.singular, job.groups.many
-    title = f"\n{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first"
-    console.print(visible(title), style="italic")
-    shown = table_of(singular, "recordings", "before", "after", "change")
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
-    for subject, row in ordered.head(MOST).iterrows():
-        numbers = (significant(row[name]) for name in ("error_before", "error_after", "change"))
-        shown.add_row(visible(str(subject)), f"{row['n']:.0f}", *numbers)
+    errors = ["error_before", "error_after", "change"]
+    shown = table_of(
+        singular, "recordings", "before", "after", "change",
+        rows=[(subject, f"{row['n']:.0f}", *map(significant, row[errors]))
+              for subject, row in ordered.head(MOST).iterrows()],
+        title=f"{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first",
+    )  # fmt: skip
     if len(table) > MOST:
-        shown.add_row(f"… and {len(table) - MOST} more", "", "", "", "")
+        shown.add_row(f"… and {len(table) - MOST} more")
     shown.add_section()
     for name, of in ((f"median of {plural}", np.nanmedian), ("worst", np.nanmax)):
-        shown.add_row(name, "", significant(of(table["error_before"])), significant(of(table["error_after"])), "")
+        shown.add_row(name, "", *(significant(of(table[error])) for error in errors[:2]))
     console.print(shown)
     change_words = f"median change {significant(change.estimate)} {'points' if job.unit == '%' else job.unit}"
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:
-        console.print(f"{change_words}; {sides} (a verdict needs {ENOUGH} {plural})", highlight=False)
+        say(f"{change_words}; {sides} (a verdict needs {ENOUGH} {plural})")
         return
     verdict = "better" if change.high < 0.0 else "worse" if change.low > 0.0 else "no clear change"
     low, high = (resolved(end, change.high - change.low) for end in (change.low, change.high))
-    ends = f"95 %: {low} to {high}, bootstrap over {plural}"
-    console.print(f"{verdict}: {change_words} ({ends}); {sides}", highlight=False)
+    say(f"{verdict}: {change_words} (95 %: {low} to {high}, bootstrap over {plural}); {sides}")
 
 
 def _show_values(values: dict[str, dict[str, Any]]) -> None:
     """Print every learned number before and after, with its standard error."""
-    console.print("\nlearned from all people", style="italic")
-    shown = table_of("parameter", "unit", "before", "after", "standard error", "95 % interval", left=2)
+    rows = []
     for name, row in values.items():
         width = math.nan if row["low"] is None else row["high"] - row["low"]
         ends = "–" if row["low"] is None else f"{resolved(row['low'], width)} … {resolved(row['high'], width)}"
         numbers = (significant(row["before"]), resolved(row["after"], width / 4.0, 4), significant(row["stderr"], 2))
-        shown.add_row(name, row["unit"], *numbers, ends)
-    console.print(shown)
+        rows.append((name, row["unit"], *numbers, ends))
+    headings = ("parameter", "unit", "before", "after", "standard error", "95 % interval")
+    show(*headings, rows=rows, left=2, title="learned from all people")

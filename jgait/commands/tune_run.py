@@ -1,10 +1,11 @@
 """The computations of `jgait tune`: cross-validation, the fit to all people, and standard errors of the parameters."""
 
 import math
+import warnings
 from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,13 +13,17 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from jgait import tune as tuning
-from jgait.commands.console import Bar, console, count
+from jgait.commands.console import Bar, console, count, note, progress, refused, stop
 from jgait.estimators import Estimator
-from jgait.params import freed
+from jgait.params import freed, names
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
+from jgait.tune.checkpoint import OtherFitError
 from jgait.tune.coordinates import coordinates, natural
 from jgait.tune.problem import Items, Problem
 from jgait.tune.remainder import reduced
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 HARDLY = 0.05
 """Largest change of a loss with a parameter that is not determined [share of the loss], where there are no standard
@@ -30,65 +35,69 @@ MOST_MOVED = 64
 
 
 class Groups(NamedTuple):
-    """What is left out of the tuning in turn, and judged by it: people, or days of a single person.
+    """What is left out of the tuning in turn, and judged by it: people, or days of a single person."""
 
-    Attributes:
-        labels: (n,) the group of each recording.
-        singular, many: what a group is, in words.
-    """
-
-    labels: tuple[str, ...]
-    singular: str
+    labels: tuple[str, ...]  #: (n,) the group of each recording.
+    singular: str  #: what a group is, in words.
     many: str
 
 
 def groups_of(made: Lessons) -> Groups:
-    """People; days if there is a single person and the day of every recording is known."""
+    """People; days if there is a single person and the day of every recording is known; a note names the others."""
     if len(set(made.subjects)) == 1 and all(made.days) and len(set(made.days)) > 1:
         return Groups(made.days, "day", "days")
+    if len(set(made.subjects)) == 1 and any(made.days) and not all(made.days):
+        without = ", ".join(name for name, day in zip(made.names, made.days, strict=True) if not day)
+        note(f"days are not left out in turn, because the day of these recordings is not known: {without}")
     return Groups(made.subjects, "person", "people")
 
 
 class Job(NamedTuple):
-    """A tuning task: the parameters to learn, the people, and the settings of the fit.
-
-    `free` has transforms that are fixed for all parameters except the learned ones; `groups` are left out in turn;
-    `error`, with the name `judged` and its `unit`, is reported for each person; `settings` are arguments of every fit;
-    with `folds` None one subject is left out at a time; `run` is the folder of the checkpoints.
-    """
+    """A tuning task."""
 
     pipeline: Estimator[PyTree, PyTree]
-    start: PyTree
-    free: PyTree
+    start: PyTree  #: parameters to begin with.
+    free: PyTree  #: transforms, fixed for all parameters but the learned ones.
     made: Lessons
     groups: Groups
     loss: Objective
-    error: Objective
+    error: Objective  #: reported for each person, with its name and unit.
     unit: str
     judged: str
-    settings: dict[str, Any]
-    folds: int | None
-    run: Path
+    settings: dict[str, Any]  #: arguments of every fit.
+    folds: int | None  #: groups of people or days; None: one is left out at a time.
+    run: Path  #: folder of the checkpoints.
+    part: tuple[int, int] | None = None  #: as of `tune.cross_validate`.
+    client: "Client | None" = None
 
 
 class TuningResults(NamedTuple):
-    """A `CrossValidation` or None, a `Fit` to all people, an `Identifiability` or None, and why steps were left out.
-
-    `undetermined` has the names of the learned numbers that the data do not determine; `errors` the median error of the
-    recordings before and after, or None where people left out judge.
-    """
+    """What was learned, and what is known of it."""
 
     validation: CrossValidation[PyTree] | None
-    fit: Fit[PyTree]
+    fit: Fit[PyTree]  #: to all people.
     known: Identifiability | None
-    left_out: list[str]
-    undetermined: list[str]
-    errors: tuple[float, float] | None
+    left_out: list[str]  #: why steps were left out.
+    undetermined: list[str]  #: learned numbers that the data do not determine.
+    errors: tuple[float, float] | None  #: median of the recordings before and after; None where people left out judge.
 
 
-def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults:
-    """Cross-validate, fit, and compute which parameters the data determine."""
-    people, groups = len(set(job.made.subjects)), job.groups
+def run(job: Job, cross: bool, loss: Collection[str]) -> TuningResults | None:
+    """`learned` under a progress bar, its warnings printed; exits with code 2 if the parameters cannot be learned."""
+    with progress() as bars, warnings.catch_warnings(record=True) as caught, refused("", TypeError):
+        warnings.simplefilter("always")
+        try:
+            results = learned(job, Bar(bars), cross, loss)
+        except OtherFitError as error:
+            stop(f"{error}; --fresh starts anew")
+    for message in dict.fromkeys(str(warning.message) for warning in caught):
+        note(message)
+    return results
+
+
+def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults | None:
+    """Cross-validate, fit, and compute which parameters the data determine; None of a part of the fits."""
+    groups, data, file = job.groups, job.made.data, job.run / "steps.npz"
     if job.run.exists():
         console.print("continuing an earlier run with the same settings", highlight=False)
 
@@ -100,20 +109,21 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
 
         return state
 
-    validation, why = None, ""
+    validation, left_out = None, []
     if cross and len(set(groups.labels)) < 2:
-        why = (
+        left_out = [
             "cross-validation is left out: it needs two people, or one person on two days that are known, and there is "
             "only a single person"
-        )
-    data, file = job.made.data, job.run / "steps.npz"
-    if cross and not why:
+        ]
+    if cross and not left_out:
         bar.begin(f"learning from all people, and from other {groups.many} (compiling)")
         validation = tuning.cross_validate(
             job.loss, job.start, job.free, data, folds=job.folds, error=job.error, subjects=groups.labels,
             progress=report(f"learning from other {groups.many}", f"judging the {groups.many} left out (compiling)"),
-            checkpoint_file=file, **job.settings,
+            checkpoint_file=file, part=job.part, client=job.client, **job.settings,
         )  # fmt: skip
+        if validation is None:
+            return None
         fit = validation.fit
     else:
         bar.begin("learning from all people (compiling)")
@@ -122,20 +132,17 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
             progress=report("learning from all people"), **job.settings,
         )  # fmt: skip
     bar.begin("which parameters the data determine (compiling)")
-    results = TuningResults(validation, fit, None, [why] if why else [], [], None)
     likelihood = set(loss) == {"likelihood"}
-    free = [jax.tree_util.keystr(path).lstrip(".") for path, _ in jax.tree_util.tree_leaves_with_path(fit.free)]
-    learned = [name for name in free if name not in fit.not_learned]
-    if learned:  # what is not learned has been told
-        job = job._replace(free=freed(job.free, *learned))
-        known, unknown = _determined(job, fit, people, "hessian" if likelihood else "sandwich")
-        results = results._replace(known=known, left_out=[*results.left_out, *([unknown] if unknown else [])])
-        if known is None or validation is None:
-            moved, errors = _moved(job, fit, likelihood)
-            results = results._replace(undetermined=moved, errors=errors if validation is None else None)
-        if known is not None:
-            results = results._replace(undetermined=known.undetermined)
-    return results
+    free = [name for name in names(fit.free) if name not in fit.not_learned]  # the others have been named
+    if not free:
+        return TuningResults(validation, fit, None, left_out, [], None)
+    job = job._replace(free=freed(job.free, *free))
+    known, why = _determined(job, fit, "hessian" if likelihood else "sandwich")
+    moved, errors = _moved(job, fit, likelihood) if known is None or validation is None else ([], None)
+    return TuningResults(
+        validation, fit, known, [*left_out, *([why] if why else [])],
+        moved if known is None else known.undetermined, errors if validation is None else None,
+    )  # fmt: skip
 
 
 def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[float, float]]:
@@ -167,20 +174,21 @@ def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[flo
     return [name for name, small in zip(at.names, hardly, strict=False) if small], (before, after)
 
 
-def _determined(job: Job, fit: Fit[PyTree], people: int, information: str) -> tuple[Identifiability | None, str]:
-    numbers = len(coordinates(fit.params, job.free).names)
+def _determined(job: Job, fit: Fit[PyTree], information: str) -> tuple[Identifiability | None, str]:
+    """Which numbers the data determine; None and the reason where that cannot be computed."""
+    people, numbers = len(set(job.made.subjects)), len(coordinates(fit.params, job.free).names)
+    why = "because some recordings were not used" if fit.left_out else ""
     if people <= numbers:
-        return None, (
-            f"standard errors are left out: {count(numbers, 'number was', 'numbers were')} learned from "
-            f"{count(people, 'person', 'people')}, and there must be more people than numbers"
+        why = (
+            f"{count(numbers, 'number was', 'numbers were')} learned from {count(people, 'person', 'people')}, and "
+            "there must be more people than numbers"
         )
-    if fit.left_out:
-        return None, "standard errors are left out, because some recordings were not used"
-    data, subjects = job.made.data, job.made.subjects
-    try:
-        known = tuning.identifiability(
-            job.loss, fit.params, job.free, data, subjects=subjects, information=information
-        )  # fmt: skip
-        return known, ""
-    except ValueError as error:
-        return None, f"standard errors are left out: {error}"
+    if not why:
+        try:
+            data, subjects = job.made.data, job.made.subjects
+            return tuning.identifiability(
+                job.loss, fit.params, job.free, data, subjects=subjects, information=information
+            ), ""  # fmt: skip
+        except ValueError as error:
+            why = str(error)
+    return None, f"standard errors are left out{',' if why.startswith('because') else ':'} {why}"

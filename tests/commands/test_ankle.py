@@ -8,12 +8,7 @@ import pytest
 from made import command
 from made import shank as made_shank
 
-from jgait import io, plot
-from jgait.commands import jobs
-from jgait.estimators import ankle_stride
-from jgait.estimators.about import EstimatedRecording
-from jgait.estimators.ankle_stride.about import ABOUT
-from jgait.io.totals import totals
+from jgait import io
 
 LENGTHS = np.r_[0.7, np.full(4, 1.2), 0.7]
 TURNS, RISES = np.r_[0.0, 0.0, 0.6, 0.0, 0.0, 0.0], np.r_[0.0, 0.0, 0.0, 0.17, 0.0, 0.0]
@@ -79,19 +74,6 @@ def test_strides_totals_flags_and_figures_of_a_leg(csv, tmp_path, words):
     assert all(one["stride_length_std_m"] > 0.0 for one in told["strides"])
 
 
-def test_a_clipped_swing_is_flagged(csv, tmp_path, words, monkeypatch):
-    monkeypatch.setattr(made_shank, "LEAN", 1.0)  # a swing at 5 rad/s, as a brisk walk has
-
-    def clip(imu):
-        return imu._replace(gyr=np.maximum(imu.gyr, 0.9 * imu.gyr.min()))
-
-    code, said = run(csv(clip, placement="shank_right"), *words, "--notes")
-    assert code == 0, said
-    assert "Check: shank_right: the gyroscope clips in" in said
-    flags = strides_of(tmp_path)["special"]
-    assert len(flags) == 6 and all("clipped" in one for one in flags), list(flags)
-
-
 def test_no_walking_is_an_empty_table(csv, tmp_path, words):
     def stand(imu):
         return imu._replace(gyr=0.02 * imu.gyr, acc=np.tile(imu.acc[:1], (len(imu.time), 1)))
@@ -103,36 +85,3 @@ def test_no_walking_is_an_empty_table(csv, tmp_path, words):
     assert not list((tmp_path / "out").glob("*.png"))
     (told,) = json.loads((tmp_path / "numbers.json").read_text())["recordings"].values()
     assert told["strides"] == [] and told["distance_m"] == 0.0
-
-
-def test_failures_are_written(tmp_path):
-    code, _ = run(tmp_path / "none.csv", "--json", tmp_path / "numbers.json")
-    failures = json.loads((tmp_path / "numbers.json").read_text())["failures"]
-    assert code == 2 and "no such file" in failures[str(tmp_path / "none.csv")]
-
-
-def test_both_legs_have_a_row_and_a_colour():
-    right = ankle_stride.estimate(ankle_stride.AnkleParams(), walked().recording)
-    strides, stated = right.strides, right.strides_stddev
-    both = right._replace(
-        strides=type(strides)(*(None if v is None else np.concatenate([v, v]) for v in strides))._replace(
-            side=np.repeat([0, 1], strides.side.size), start=np.r_[strides.start, strides.start + 0.5],
-            end=np.r_[strides.end, strides.end + 0.5],
-        ),
-        strides_stddev=type(stated)(*(None if v is None else np.concatenate([v, v]) for v in stated)),
-        diagnostics={
-            name.replace("_right", "_left") if again else name: np.concatenate([value, value])
-            if name in ankle_stride.estimator().per_stride else value
-            for again in (False, True) for name, value in right.diagnostics.items()
-        },
-    )  # fmt: skip
-    assert totals(both, ABOUT.flags)[0].text == "12, 4 regular"
-    table = jobs.of_estimate(EstimatedRecording(walked().recording, both, None, {}), ABOUT).tables["strides"]
-    assert list(table["side"][:4]) == ["right", "right", "left", "left"]  # each first stride is short
-    for side in ("right", "left"):
-        assert list(table["special"][table["side"] == side]) == ["half-step", "", "turning", "stairs", "", "half-step"]
-    figure = plot.leg_strides(both, title="walk")
-    names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names == ["in a turn", "on stairs", "half-step", "right leg, ±2σ", "left leg, ±2σ"]
-    labels = [axis.get_ylabel() for axis in figure.axes]
-    assert labels == ["stride length [m]", "stride time [s]", "rise [cm]", "turn [°]"]

@@ -1,28 +1,19 @@
 """A whole cohort on the command line: bad rows, runs that go on, and parameters from one command to another."""
 
-import contextlib
 import json
-from types import SimpleNamespace
-from typing import NamedTuple
 
 import jax
 import numpy as np
-import optax
 import pandas as pd
 import pytest
-import typer
 from made.command import run
 
 from experiments.common import protocols
-from jgait import io, params
-from jgait.commands import cohort, console, references, tune, tune_run
-from jgait.commands.lessons import lessons_of
-from jgait.commands.pipeline import chosen, pipeline_of
-from jgait.commands.rows import CONTENT, COPIED
+from jgait import io
+from jgait.commands import cohort
+from jgait.commands.pipeline import chosen
+from jgait.commands.rows import COPIED
 from jgait.estimators import leg_ekf
-from jgait.evaluate.scores import DISTANCE_OFF, Scores
-from jgait.notes import to_json
-from jgait.tune import Lessons
 
 RIGHT = ("thigh_right", "shank_right")
 """One leg: its programs are half as large."""
@@ -135,27 +126,6 @@ def test_what_may_not_have_been_meant_is_noted(table):
         assert words in told
 
 
-def test_a_distance_that_contradicts_the_samples_is_noted(walks):
-    folder, rows = walks
-    recording, way, file = io.read_csv(folder / "walk0.csv"), rows[0]["distance_m"], folder / "samples0.csv"
-
-    def codes(stated, file=file):
-        walk = references.with_reference(recording, stated, [file, None], {})
-        assert np.nanmax(walk.reference.distance) == pytest.approx(way, rel=0.05)  # that of the file, in any case
-        return [note.text for note in walk.recording.notes if note.code == "reference_distance_contradicted"]
-
-    assert codes(way) == codes(1.05 * way) == codes(None) == []
-    assert len(codes(0.1 * way)) == 1
-    whole = pd.read_csv(file)
-    sways = whole["distance_m"].where(whole.index != len(whole) // 2, 1.05 * way)
-    whole.assign(distance_m=sways).to_csv(folder / "sways.csv", index=False)
-    (text,) = codes(10.0 * way, folder / "sways.csv")
-    walked = whole["distance_m"].iloc[-1] - whole["distance_m"].iloc[0]
-    assert text == f"distance_m of the table, {10 * way:.4g} m, is not used: sways.csv has {walked:.4g} m"
-    whole.iloc[len(whole) // 2 :].to_csv(folder / "half.csv", index=False)
-    assert codes(way, folder / "half.csv") == [] and len(codes(0.1 * way, folder / "half.csv")) == 1
-
-
 def test_losses_that_a_reference_cannot_answer_are_empty_or_named(table, tmp_path):
     with_files = table(lambda frame: frame.drop(columns="distance_m").assign(
         reference_samples=["samples0.csv", "samples1.csv", "", "samples3.csv"],
@@ -172,63 +142,6 @@ def test_losses_that_a_reference_cannot_answer_are_empty_or_named(table, tmp_pat
         100.0 * np.sqrt((strides.loc["walk0.csv"] ** 2).mean()), rel=0.05
     )
     assert "strides of the reference are not compared; the body's way" in said
-
-
-def test_recordings_that_cannot_answer_the_losses_are_counted(table):
-    either = table(lambda frame: frame.head(3).assign(
-        distance_m=["", 5.0, ""], reference_strides=["strides0.csv", "", ""]), "either.csv")  # fmt: skip
-    pipeline, failures = pipeline_of("leg_ekf", True), []
-    reasons = "needs a reference with strides with length; .*distance needs a reference with distance"
-    with pytest.raises(ValueError, match=f"no recording of either.csv can answer all of .*{reasons}"):
-        lessons_of(pipeline, opened(either), pipeline.params, [], failures, ["stride_length", "distance"])
-    absent = opened(table(lambda frame: frame.assign(file=[f"no{i}.csv" for i in range(4)]), "absent.csv"))
-    with pytest.raises(ValueError, match="^(?!.*can answer all)"):
-        lessons_of(pipeline, absent, pipeline.params, [], failures, ["distance"])
-    assert len(failures) == 4 and "there is no such file" in failures[0][1]
-
-
-def test_tuning_names_doubtful_references_and_refuses_those_that_all_contradict(table, monkeypatch, capsys):
-    made = SimpleNamespace(names=("a", "b"))
-    off = DISTANCE_OFF(reference=400.0, estimate=4.0)
-    walks = [SimpleNamespace(recording=SimpleNamespace(name=name)) for name in made.names]
-    for loss, refused in (("distance", True), ("stride_length", False)):
-        rows = SimpleNamespace(recordings=pd.DataFrame({"recording": ["a", "b"], "notes": [to_json([off])] * 2}))
-        monkeypatch.setattr(tune, "score", lambda *_: Scores({}, {}, (off,), (("distance_m", off),)))
-        monkeypatch.setattr(
-            cohort, "evaluated", lambda *_, score, rows=rows: [score(None, walk) for walk in walks] and rows
-        )
-        with pytest.raises(typer.Exit) if refused else contextlib.nullcontext():
-            tune._say_notes(None, None, None, made, [loss])
-        said = " ".join(capsys.readouterr().err.split())
-        assert ("the references of all 2 recordings contradict the estimates, such as a: the" in said) == refused
-        assert ("Check: 2 of 2 recordings, such as a: The reference says 400.00 m" in said) != refused
-
-
-class Toy(NamedTuple):
-    level: float = 1.0
-    unused: float = 2.0
-
-
-def test_one_person_has_days_and_numbers_that_are_not_determined(tmp_path):
-    names = ("a", "b", "c", "d")
-    made = Lessons(np.full(4, 3.0), None, ("me",) * 4, ("1", "1", "2", "2"), names, ())
-    assert tune_run.groups_of(made) == (made.days, "day", "days")
-    assert tune_run.groups_of(made._replace(days=("1", "", "2", ""))).singular == "person"
-
-    def loss(p, item):
-        return (p.level - item) ** 2 + 1e-9 * p.unused**2
-
-    alone = made._replace(days=("",) * 4)
-    job = tune_run.Job(
-        None, Toy(), Toy(params.real, params.real), alone, tune_run.groups_of(alone), loss, loss, "m", "|error|",
-        {"optimizer": optax.adam(0.1), "steps": 3, "starts": 1, "key": jax.random.key(0)}, None, tmp_path / "run",
-    )  # fmt: skip
-    with console.progress() as bars:
-        results = tune_run.learned(job, console.Bar(bars), True, ["distance"])
-    assert results.validation is None and results.known is None and results.undetermined == ["unused"]
-    assert results.errors[1] < results.errors[0] == pytest.approx(4.0)
-    assert "it needs two people, or one person on two days" in results.left_out[0]
-    assert "2 numbers were learned from 1 person" in results.left_out[1]
 
 
 def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
@@ -249,30 +162,6 @@ def test_a_run_goes_on_and_refuses_changed_rows(evaluated):
     code, said = run("evaluate", table, "--paper", "--out", out, "--acc-unit", "g")
     assert code == 2
     assert "accelerations in the unit of the file; now " in said and "continuing" not in said
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ((), "give one of: a table COHORT.csv, --dataset NAME, --simulated N; got none"),
-        (("nowhere.csv",), "there is no such file: nowhere.csv"),
-        (("--dataset", "mine"), "there is no data set 'mine'"),
-        (("--simulated", 1, "--estimator", "mine"), "estimator must be one of leg_ekf"),
-        (("--simulated", 1, "--params", "nowhere.json"), "--params: "),
-        (("--simulated", 1, "--estimator", "stride_width_ekf"), "run jgait simulate --placements foot_right,foot_left"),
-        (("files.csv",), "did you mean 'files'?"),
-        (("bare.csv",), "must have a header and a row for each recording"),
-        (("none.csv",), "none of the 2 recordings of none.csv could be used"),
-    ],
-)
-def test_bad_usage(words, expected, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name, text in (("files", "files\na.csv\n"), ("bare", "file\n"), ("none", "file\nno.csv\nnot.csv\n")):
-        (tmp_path / f"{name}.csv").write_text(text)
-    code, said = run("evaluate", *words, "--out", tmp_path / "out")
-    assert code == 2
-    assert expected in said
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.fixture(scope="module")
@@ -329,7 +218,7 @@ def test_tuned_parameters_are_taken_by_the_other_commands(tuned, evaluated, walk
     file = tuned[2] / "tuned.json"
     made = json.loads(file.read_text())
     assert sorted(made["made"]["data"]) == [row["file"] for row in walks[1]]
-    assert all(CONTENT.fullmatch(content) for content in made["made"]["data"].values())
+    assert all(len(content) == 64 for content in made["made"]["data"].values())
     code, said = run("evaluate", evaluated[3], "--paper", "--params", file, "--out", tmp_path / "out")
     assert code == 1, said
     assert said.count("of 6 recordings, 5 used there, so that errors on them are not held out") == 1
@@ -352,7 +241,7 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
     for number in (0, 3):
         frame = pd.read_csv(walks[0] / f"walk{number}.csv")
         frame.iloc[:-1].to_csv(walks[0] / f"other{number}.csv", index=False)
-        frame.round(9 - 2 * number).to_csv(walks[0] / f"again{number}.csv", index=False)
+        (walks[0] / f"again{number}.csv").write_bytes((walks[0] / f"walk{number}.csv").read_bytes())
 
     def judged(files, people, file=tuned[2] / "tuned.json"):
         mine = table(lambda f: f.head(len(files)).assign(file=files, subject=people), "mine.csv")
@@ -399,11 +288,10 @@ def test_bad_tunings(table, words, expected, tmp_path):
 
 
 def test_tuning_refuses_a_copy_before_it_compiles(table, walks, tmp_path):
-    rounded = pd.read_csv(walks[0] / "walk0.csv").round(4)
-    rounded.to_csv(walks[0] / "rounded.csv", index=False)
-    twice = table(lambda f: pd.concat([f, f.head(1).assign(file="rounded.csv", subject="p9")]), "twice.csv")
+    (walks[0] / "again.csv").write_bytes((walks[0] / "walk0.csv").read_bytes())
+    twice = table(lambda f: pd.concat([f, f.head(1).assign(file="again.csv", subject="p9")]), "twice.csv")
     code, said = run("tune", twice, "--paper", "--free", "distance_scale", "--out", tmp_path / "out")
-    copied = "rounded.csv and walk0.csv hold the same recording, with numbers rounded or written otherwise"
+    copied = "again.csv and walk0.csv hold the same recording"
     assert code == 2 and f"{copied}. {COPIED.meaning}" in said and "compiling" not in said, said
     code, said = run("evaluate", twice, "--paper", "--out", tmp_path / "all")
     assert code == 0 and copied in said

@@ -2,39 +2,9 @@
 
 import io
 
-import pytest
 from rich.console import Console
-from rich.progress import Progress
 
 from jgait.commands import console
-
-
-@pytest.fixture
-def bars(monkeypatch):
-    """A progress bar on a terminal that is a text, and a clock that is set by hand."""
-    text, clock = io.StringIO(), [0.0]
-    monkeypatch.setattr(console, "errors", Console(file=text, force_terminal=True, width=120))
-    made = console.progress()
-    made.get_time = lambda: clock[0]
-    return made, clock
-
-
-def left_of(bars: Progress) -> str:
-    return str(bars.columns[-1].render(bars.tasks[0]))
-
-
-def test_the_time_left_follows_from_two_reports_and_each_task_has_its_own(bars):
-    made, clock = bars
-    bar = console.Bar(made)
-    bar("compiling", 0, None)
-    clock[0] = 100.0
-    bar("learning", 5, 50)
-    assert left_of(made) == ""
-    clock[0] = 110.0
-    bar("learning", 10, 50)
-    assert left_of(made) == "0:01:20 left"
-    bar("compiling", 0, None)
-    assert left_of(made) == "" and made.tasks[0].elapsed == 0.0
 
 
 def test_without_a_terminal_a_line_states_the_progress_from_time_to_time(monkeypatch):

@@ -7,11 +7,9 @@ from made.command import run
 from made.foot import foot
 from made.track import step
 
-from jgait import datasets, io
+from jgait import io
 from jgait.commands import cohort
-from jgait.commands.lessons import lessons_of
-from jgait.estimators import foot_ins, get
-from jgait.types import Estimate, Imu, Legs, RangeReadings, Recording, Strides, Walk
+from jgait.types import Imu, RangeReadings, Recording
 
 HZ, APART, OFFSET = 100.0, 0.2, 0.08
 LEGS = ("thigh_length", "shank_length")
@@ -71,86 +69,6 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
     np.testing.assert_allclose(good["stride_width_m"], APART, atol=0.03)
     code, said = run("estimate", walk, *words, "--notes")
     assert code == 0 and "Check: No --option range-offset: the default of 0.08 m is taken" in said
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--estimator", "foot_ins", "--thigh", 0.4), "--thigh is an option of leg_ekf and duty_cycled_gyro; got"),
-        (("--estimator", "foot_ins", "--option", "level=perhaps"), "--option level is auto, yes, no; got 'perhaps'"),
-        (("--estimator", "foot_ins", "--acc-unit", "g"), "it seems to be in m/s²; pass --acc-unit m/s^2"),
-        (("--estimator", "foot_ins", "--range-unit", "mm"), "feet_range is 0.00012 m in the median (given as mm)"),
-        (
-            ("--estimator", "leg_ekf"),
-            "leg_ekf needs 'thigh_left' and 'shank_left'; the recording has ['foot_left', 'foot_right']",
-        ),
-    ],
-)
-def test_what_does_not_go_together_is_refused_in_words(walk, tmp_path, words, message):
-    code, said = run("estimate", walk, *words, "--out", tmp_path / "out")
-    assert code == 2 and message in said, said
-    assert not (tmp_path / "out").exists()
-
-
-def test_one_foot_is_not_enough_for_widths(tmp_path):
-    path = io.write_csv(foot(strides=3).recording, tmp_path / "one.csv")
-    code, said = run("estimate", path, "--estimator", "stride_width_ekf", "--out", tmp_path / "out")
-    assert code == 2 and "foot_left" in said, said
-
-
-@pytest.fixture
-def as_a_set(monkeypatch):
-    """Two walks of made feet as the recordings of a data set, with the strides that they have."""
-
-    def load(name, only=None):
-        found = []
-        for number, walked in enumerate(("first", "second")):
-            recording, made = two_feet()
-            strides = [
-                (np.full(6, number_of), one.lift_off, one.lift_off, one.contact, one.length)
-                for number_of, one in enumerate(made.values())
-            ]
-            side, start, off, end, length = (np.concatenate(column) for column in zip(*strides, strict=True))
-            nothing, ok = np.full(side.size, np.nan), np.ones(side.size, bool)
-            known = Strides(side, start, off, end, length, nothing, nothing, ok)
-            time = recording.sensors["foot_right"].time
-            truth = Estimate(time, Legs(None, None), None, None, np.ones(time.size, bool), {}, known)
-            whole = recording._replace(name=walked, subject=f"p{number}", feet_range=None)
-            found.append(Walk(whole, truth, {"lengths": {"right": (0.4, 0.4), "left": (0.4, 0.4)}}))
-        return [one for one in found if only is None or one.recording.name in only]
-
-    monkeypatch.setattr(datasets, "names", lambda name: ("first", "second"))
-    monkeypatch.setattr(datasets, "load", load)
-
-
-def test_stride_lengths_of_a_set_are_judged(as_a_set, tmp_path):
-    words = ("--dataset", "neura_sparse", "--estimator", "foot_ins", "--batch", 2, "--out", tmp_path / "out")
-    code, said = run("evaluate", *words)
-    assert code == 0, said
-    assert "foot_ins on neura_sparse: 2 recordings of 2 people" in said
-    rows = pd.read_csv(tmp_path / "out" / "strides.csv")
-    assert (rows["quantity"] == "stride_length_m").sum() == 24
-    length = rows[rows["quantity"] == "stride_length_m"]
-    assert length["abs_error"].max() < 0.1  # the default pivot is not that of a foot that stands still
-    quantities = pd.read_csv(tmp_path / "out" / "quantities.csv")
-    assert set(quantities["quantity"]) >= {"nis_right", "stride_length_within_2sd_percent"}
-    assert (tmp_path / "out" / "stride_length_agreement.png").exists()
-
-
-def test_lessons_take_only_the_measures_that_the_estimator_knows(as_a_set):
-    pipeline = get("foot_ins")
-    source = cohort.source(None, "neura_sparse", None, 0, "deg/s", "m/s^2", ("pivot_height",))
-    failures: list[tuple[str, str]] = []
-    made = lessons_of(pipeline, source, pipeline.params, ["velocity_noise"], failures, ["stride_length"])
-    assert failures == [] and made.names == ("first", "second")
-    np.testing.assert_allclose(made.data.body["pivot_height"], foot_ins.FootParams().pivot_height)
-    assert set(made.data.body) == {"pivot_height"}
-    made = lessons_of(pipeline, source, pipeline.params, ["pivot_height"], failures, ["stride_length"])
-    assert made.data.body == {}
-    walk = datasets.load("neura_sparse")[0]
-    assert (
-        set(cohort.body(walk, LEGS)) == {"thigh_length", "shank_length"} and cohort.body(walk, ("pivot_height",)) == {}
-    )
 
 
 def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):

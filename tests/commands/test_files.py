@@ -12,13 +12,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import typer
 from made.command import run
 
 from jgait import io
-from jgait.commands.recordings import in_options, places_of, recording_of
 from jgait.io import atomic
-from jgait.types import RecordingError
 
 
 def of_table(change):
@@ -37,9 +34,7 @@ def scaled(kind, factor):
 SPOILT = {
     "in g": (scaled("_acc_", 1.0 / 9.81), "it seems to be in g; pass --acc-unit g"),
     "no shank": (of_text(lambda text: text.replace("shank_right", "wrist_right")), "no estimator has its sensors"),
-    "empty": (of_text(lambda _: ""), "walk.csv is empty"),
     "binary": (lambda path: path.write_bytes(bytes(range(256)) * 8), "walk.csv is in no format that jgait reads"),
-    "a folder": (lambda path: (path.unlink(), path.mkdir()), "walk.csv is a folder, and none of a format"),
 }
 
 
@@ -102,37 +97,6 @@ def test_a_full_disk_leaves_nothing_half_written(walk, tmp_path, command, monkey
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["walk.csv"]
 
 
-def shimmer(recording, path):
-    """As Consensys exports two devices that are called after their places."""
-    names, units, columns = [], [], []
-    for label, place in (("Right_Thigh", "thigh_right"), ("Right_Shank", "shank_right")):
-        imu = recording.sensors[place]
-        names += [f"Shimmer_{label}_Timestamp_Unix_CAL"]
-        units, columns = [*units, "ms"], [*columns, 1.7e12 + 1000 * imu.time]
-        for kind, unit, values in (("Accel_LN", "m/(s^2)", imu.acc), ("Gyro", "deg/s", np.rad2deg(imu.gyr))):
-            names += [f"Shimmer_{label}_{kind}_{axis}_CAL" for axis in "XYZ"]
-            units, columns = [*units, *[unit] * 3], [*columns, *np.asarray(values).T]
-    rows = [
-        "\t".join(names),
-        "\t".join(units),
-        *("\t".join(f"{v:.16g}" for v in row) for row in zip(*columns, strict=True)),
-    ]
-    path.write_text('"sep=\t"\n' + "\n".join(rows) + "\n")
-
-
-def test_a_measuring_systems_file_gives_what_the_same_table_gives(recording, walk, tmp_path):
-    theirs = tmp_path / "session.csv"
-    shimmer(recording, theirs)
-    code, said = run("estimate", walk, theirs, "--out", tmp_path / "results", "--notes")
-    assert code == 0, said
-    assert "Shimmer" in said
-    ours, other = (pd.read_csv(tmp_path / "results" / f"{name}_samples.csv") for name in ("walk", "session"))
-    there = np.asarray(recording.sensors["thigh_right"].mask & recording.sensors["shank_right"].mask)
-    assert there.mean() > 0.9
-    # Lost samples are masked in the one and interpolated in the other.
-    np.testing.assert_allclose(ours["knee_angle_right_deg"], other["knee_angle_right_deg"], atol=2.0)
-
-
 def test_bare_names_need_a_place_and_the_option_gives_it(recording, tmp_path):
     imu = recording.sensors["shank_right"]
     table = io.recording_to_dataframe(recording._replace(sensors={"shank_right": imu}))
@@ -144,24 +108,6 @@ def test_bare_names_need_a_place_and_the_option_gives_it(recording, tmp_path):
     words = ("--estimator", "foot_ins", "--place", "shank_right", "--out", tmp_path / "results")
     code, said = run("estimate", bare, *words)
     assert "needs" in said and "shank_right" in said
-
-
-@pytest.mark.parametrize(
-    ("error", "python", "command"),
-    [
-        (RecordingError("pass {argument}", argument="gyr_unit", value="rad/s"), "gyr_unit='rad/s'", "--gyr-unit rad/s"),
-        (RecordingError("pass {argument}", argument="sampling_rate_hz"), "sampling_rate_hz", "--rate"),
-        (
-            RecordingError("pass {argument}", argument="placements", value={"MT_1": "shank_right"}),
-            "placements={'MT_1': 'shank_right'}",
-            "--place 'MT_1=shank_right'",
-        ),
-        (RecordingError("pass {argument}", argument="placements"), "placements", "--place SENSOR=PLACE"),
-    ],
-)
-def test_messages_name_options(error, python, command):
-    assert str(error) == f"pass {python}"
-    assert str(in_options(error)) == f"pass {command}"
 
 
 def test_the_shell_completes_commands():
@@ -193,47 +139,8 @@ def recording_with_a_loss(recording):
     return recording._replace(sensors={**recording.sensors, "shank_right": imu._replace(mask=mask)})
 
 
-def test_a_labs_own_words_radians_and_milliseconds_give_angles_in_one_command(recording, tmp_path):
-    table = io.recording_to_dataframe(recording)
-    table[[name for name in table if "_gyr_" in name]] *= np.pi / 180.0
-    table = table[[name for name in table.columns if "_acc_" not in name]]
-    table["time"] *= 1000.0
-    labs = {"time": "Time (ms)"}
-    labs |= {f"{part}_right_gyr_{axis}": f"Gyro {part.title()} R {axis.upper()} [rad/s]" for part in ("thigh", "shank")
-             for axis in "xyz"}  # fmt: skip
-    table.rename(columns=labs).to_csv(tmp_path / "lab.csv", index=False)
-    code, said = run("estimate", tmp_path / "lab.csv", "--gyr-unit", "rad/s", "--out", tmp_path / "results", "--notes")
-    assert code == 0, said
-    assert "'Gyro Thigh R X [rad/s]' as thigh_right_gyr_x" in said
-    assert "recognised by their names: 7" in said
-    angles = pd.read_csv(tmp_path / "results" / "lab_samples.csv")
-    assert angles["knee_angle_right_deg"].max() > 40.0
-    assert (tmp_path / "results" / "lab_angles.png").stat().st_size > 10_000
-
-
-def test_gaitmaps_and_mobgaps_tables_are_read_by_the_command_too(recording, tmp_path):
-    imu = recording.sensors["shank_right"]
-    signals = {f"gyr_{a}": np.rad2deg(imu.gyr[:, k]) for k, a in enumerate("xyz")}
-    signals |= {f"acc_{a}": imu.acc[:, k] for k, a in enumerate("xyz")}
-    pd.concat({"left_sensor": pd.DataFrame(signals)}, axis=1).to_csv(tmp_path / "gaitmap.csv", index=False)
-    body = pd.DataFrame(signals).rename(columns=lambda name: name[:4] + {"x": "is", "y": "ml", "z": "pa"}[name[-1]])
-    body.to_csv(tmp_path / "mobgap.csv", index=False)
-    feet = recording_of(tmp_path / "gaitmap.csv", rate=50.0, placements={"left_sensor": "foot_left"})
-    assert list(feet.sensors) == ["foot_left"]
-    assert list(recording_of(tmp_path / "gaitmap.csv", rate=50.0).sensors) == ["foot_left"]
-    assert list(recording_of(tmp_path / "mobgap.csv", rate=50.0).sensors) == ["lower_back"]
-
-
 def test_a_json_file_that_cannot_be_written_is_said(walk, tmp_path):
     (tmp_path / "numbers").write_text("a file")
     code, said = run("estimate", walk, "--out", tmp_path / "results", "--json", tmp_path / "numbers" / "x.json")
     assert code == 2
     assert "could not be written" in said
-
-
-def test_places_that_cannot_be_are_refused(capsys):
-    for places, words in ((["knee"], "there is no placement 'knee'"), (["a=shank_right", "thigh_right"], "got both"),
-                          (["shank_right", "thigh_right"], "there can be one placement")):  # fmt: skip
-        with pytest.raises(typer.Exit):
-            places_of(places)
-        assert words in " ".join(capsys.readouterr().err.split())

@@ -15,7 +15,7 @@ from experiments.common import protocols
 from jgait import io
 from jgait.cli import app
 from jgait.commands.estimate import _called
-from jgait.commands.folder import STAGE, keep_inputs, results_folder, unfinished
+from jgait.commands.folder import STAGE, results_folder, unfinished
 from jgait.io.atomic import write_text
 
 
@@ -133,36 +133,9 @@ def test_an_unusable_folder_and_a_damaged_manifest(tmp_path, capsys):
         assert not (tmp_path / STAGE).exists()
 
 
-@pytest.fixture
-def tables(tmp_path, monkeypatch):
-    """Two files of one name, and the user's own table, in the folder in which the commands run."""
+def test_as_many_folders_are_named_as_tell_files_apart(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("a/walk.csv", "b/walk.csv", "recordings.csv", "report.html"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text("file\na/walk.csv\n" if name == "recordings.csv" else "a\nb\n")
-
-
-@pytest.mark.usefixtures("tables")
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("evaluate recordings.csv --out .", "recordings.csv is read by this command"),
-        ("evaluate recordings.csv --out o --json o/quantities.csv", "is one of the files that this command writes"),
-        ("estimate a/walk.csv --json a/walk.csv", "walk.csv is read by this command"),
-        ("estimate a/walk.csv a/walk.csv", "would have the same names: a/walk.csv, a/walk.csv"),
-        ("report report.html --out report.html", "report.html is read by this command"),
-        ("report recordings.csv --json a/walk.csv", "walk.csv is read by this command"),
-        ("report a/walk.csv --out p.html --json p.html", "--json and --out are the same file"),
-    ],
-)
-def test_commands_stop_before_they_overwrite(words, message):
-    result = CliRunner(env={"COLUMNS": "300"}).invoke(app, words.split())
-    assert result.exit_code == 2, result.output
-    assert message in " ".join(result.output.split())
-
-
-@pytest.mark.usefixtures("tables")
-def test_as_many_folders_are_named_as_tell_files_apart(tmp_path):
+    (tmp_path / "report.html").write_text("a\nb\n")
     for name in ("S1/T1", "S2/T1", "S1/T2"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "walk.csv").write_text("nothing\n1\n")
@@ -201,13 +174,6 @@ def test_fresh_deletes_the_intermediate_results_of_its_own_command(tmp_path):
     (tmp_path / "other" / "run").mkdir(parents=True)  # of the user
     put(tmp_path / "other", {"seed": 1}, command="evaluate", fresh=True)
     assert (tmp_path / "other" / "run").exists()
-
-
-def test_a_link_to_an_input_counts_as_the_input(tmp_path, capsys):
-    (tmp_path / "walk.csv").write_text("")
-    os.link(tmp_path / "walk.csv", tmp_path / "page.html")
-    with refused(capsys, "page.html is read by this command"):
-        keep_inputs([None, tmp_path / "page.html"], [None, tmp_path / "walk.csv"])
 
 
 def test_what_a_killed_writer_left_is_removed(tmp_path):

@@ -5,14 +5,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.command import run
-from rich.table import Table
 
 from jgait import cli, io
 from jgait.commands import jobs
 from jgait.estimators.about import About, EstimatedRecording
-from jgait.estimators.notes import STRIDES_UNCERTAIN
-from jgait.io.checks.readings import MASKED
-from jgait.notes import DATA_LOST, without_repeats
 from jgait.report import Made
 from jgait.types import Estimate, Legs, RecordingError, reason_of
 
@@ -27,7 +23,7 @@ def without_estimates(monkeypatch):
         return jobs.RecordingResults(made, recording.notes, {}, [], {})
 
     def replaced(compute=read):
-        job = jobs.EstimateJob("all", About(tables=()), Table(), "", compute, Made())
+        job = jobs.EstimateJob(About(tables=()), compute, Made())
         monkeypatch.setattr(jobs, "all_sensors", lambda person: job)
 
     replaced()
@@ -81,16 +77,6 @@ def test_a_unit_is_advised_if_it_is_right_for_all_sensors_and_one_sensor_is_left
             assert f"seems to be in {meant}, but thigh_right is not; convert the columns of this sensor" in said
 
 
-def test_one_file_is_called_by_its_name_and_the_same_of_several_sensors_is_one_line(walk, tmp_path, without_estimates):
-    table = pd.read_csv(walk)
-    table = table.interpolate().round(4)
-    table.loc[[100, 200], [name for name in table if name != "time"]] = np.nan
-    table.to_csv(walk, index=False)
-    _, said = run("estimate", walk, "--out", tmp_path / "out", "--notes")
-    assert f"Check: thigh_right, shank_right: samples missing: 2 of {len(table)}" in said
-    assert said.count("samples missing: ") == 2  # in the sentence of trust, and among the remarks
-
-
 def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_estimates):
     pd.read_csv(walk).rename(columns={"time": "clock"}).to_csv(walk, index=False)
     _, said = run("estimate", walk, "--out", tmp_path / "out")
@@ -99,25 +85,6 @@ def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_e
     assert "columns that are not of sensors: clock" in said
     with pytest.raises(RecordingError, match=r"walk has 20 samples without time stamps, so sampling_rate_hz is needed"):
         io.recording_from_arrays({"waist": {"gyr": np.ones((20, 3))}}, name="walk")
-
-
-def test_a_folder_that_is_no_evaluation_is_refused_with_what_is_needed(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "walks").mkdir()
-    (tmp_path / "walks" / "walk.csv").write_text("time\n0\n")
-    code, said = run("report", "walks")
-    assert code == 2
-    assert "walks is no folder that jgait evaluate wrote: it has no recordings.csv. Give the folder" in said
-    assert "or a file: one recording, or a table of recordings with a column 'file'" in said
-    assert "Errno" not in said
-
-
-def test_a_wrong_unit_in_the_header_is_named(walk, tmp_path, without_estimates):
-    pd.read_csv(walk).rename(columns={"time": "Time (us)"}).to_csv(walk, index=False)
-    code, said = run("estimate", walk, "--out", tmp_path / "out")
-    assert code == 2
-    assert "with time in us, samples are" in said
-    assert "it seems to be in s: correct the unit in the name of the time column" in said
 
 
 # --- compiled programs ---
@@ -156,12 +123,3 @@ def test_a_command_that_ends_in_a_compiled_program_points_to_the_cache(monkeypat
 
 
 # --- each finding once ---
-
-
-def test_lost_samples_that_the_reader_noted_are_not_counted_again():
-    lost, other = (STRIDES_UNCERTAIN(samples=3, placement=f"foot_{side}", longest_s=0.03) for side in ("left", "right"))
-    masked = MASKED.note("values that no sensor reads: 3", placement="foot_left")
-    filled = DATA_LOST._replace(of_all=True).note("1 gap in time, the longest 1 s; 3 samples inserted and masked")
-    assert without_repeats((lost, other)) == (lost, other)
-    assert without_repeats((masked, lost, other, other)) == (masked, other)
-    assert without_repeats((lost, other, filled)) == (filled,)

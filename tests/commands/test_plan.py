@@ -40,9 +40,6 @@ def test_explain_names_what_it_cannot(walk):
     code, said = command.run("explain", walk, "--measure", "stride_duration")
     assert code == 2
     assert "no 'stride_duration' with a gradient" in said
-    code, said = command.run("explain", walk, "--sensors", "abacus")
-    assert code == 2
-    assert "--sensors must be one of" in said
 
 
 def test_plan_of_a_recording_and_of_simulated_people(walk, tmp_path):
@@ -56,13 +53,3 @@ def test_plan_of_a_recording_and_of_simulated_people(walk, tmp_path):
     assert code == 0, said
     assert "within 50 cm: waist, 100 Hz" in said
     assert figure.exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [(("--places", "nose"), "there is no 'nose'"), (("--rates", "fast"), "--rates is a list of positive numbers")],
-)
-def test_plan_names_what_is_wrong(words, reason):
-    code, said = command.run("plan", *words)
-    assert code == 2
-    assert reason in said

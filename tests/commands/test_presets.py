@@ -46,8 +46,6 @@ def test_a_preset_of_ones_own_has_versions_and_a_name_of_its_own(tmp_path, monke
     assert io.made_of("preset:my_lab")[1]["version"] == 2
     assert io.read_params(file.with_suffix(".v1"), FootParams(), estimator="foot_ins")[0].rate_noise == 0.06
     assert "my_lab" in run("presets")[1]
-    code, said = run("tune", "--simulated", 2, "--preset", "a/b")
-    assert code == 2 and "letters, digits" in said
 
 
 class Toy(NamedTuple):
@@ -115,16 +113,11 @@ def test_a_file_brings_its_options_and_weights_of_any_shape(tmp_path):
 def test_files_that_do_not_fit(tmp_path):
     _, file = written(tmp_path, "network", options={"soft": True, "colour": "red"})
     for words, expected in (
-        (("--params", "preset:nothing"), "there is no preset 'nothing'"),
         (("--params", file), "tuned with the option 'colour', which this estimator does not have"),
         (("--params", tmp_path / "none.json"), "none.json"),
     ):
         code, said = run("evaluate", "--simulated", 1, "--estimator", "foot_ins", *words, "--out", tmp_path / "out")
         assert code == 2 and expected in said, said
-    code, said = run("tune", "--simulated", 2, "--free", "distance_scale", "--noise", "log_linear")
-    assert code == 2 and "leg_ekf has no noise models" in said
-    code, said = run("tune", "--simulated", 2, "--estimator", "foot_ins", "--free", "pivot_height,height_noise")
-    assert code == 2 and "no number of foot_ins depends on height_noise with these options" in said
 
 
 def test_a_noise_model_keeps_hard_stances_and_who_frees_their_softness_gets_soft_ones():

@@ -49,17 +49,6 @@ def test_writes_recordings_with_their_truth_and_a_table_for_evaluate(made):
         assert told[row["subject"]]["strides"] == len(pd.read_csv(out / row["file"].replace(".csv", "_strides.csv")))
 
 
-def test_a_turn_on_the_spot_adds_no_distance_to_the_table(tmp_path):
-    code, said = run(
-        "simulate", "--route", "about_turn:4", "--placements", "foot_right", "--rate", 50, "--out", tmp_path
-    )
-    assert code == 0, said
-    walked = pd.read_csv(tmp_path / "cohort.csv")["distance_m"].iloc[0]
-    assert walked == pytest.approx(8.0)
-    truth = pd.read_csv(tmp_path / "subject_0001_truth.csv")["distance_m"].iloc[-1]
-    assert truth == pytest.approx(walked, abs=0.05)
-
-
 def test_the_same_again_writes_nothing_anew_and_another_simulation_is_refused(made):
     _, out = made
     kept = {file: file.stat().st_mtime_ns for file in out.glob("subject_*")}
@@ -87,19 +76,3 @@ def test_people_walk_in_the_gait_that_is_asked_for(made, tmp_path):
         pd.read_csv(folder / "subject_0001_strides.csv")["stride_length_m"].median() for folder in (made[1], tmp_path)
     )
     assert shuffled < 0.5 * usual
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--route", "zigzag:3"], "--route is straight:LENGTH"),
-        (["--route", "straight:0"], "from 1 to 1000 m"),
-        (["--gait", "sneaking"], "--gait must be one of slow, fast"),
-        (["--rate", "2"], "--rate must be between 10 and 1000 Hz"),
-        (["--placements", "knee"], "there is no 'knee'"),
-    ],
-)
-def test_what_there_is_not_is_refused(arguments, message, tmp_path):
-    code, said = run("simulate", *arguments, "--out", tmp_path / "out")
-    assert code == 2 and message in said
-    assert not (tmp_path / "out").exists()
