@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,15 +16,7 @@ from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
 from jgait.evaluate.store import REGULAR, read_table
 from jgait.io.write import from_cells
-from jgait.notes import (
-    SEVERITIES,
-    Note,
-    from_json,
-    grouped,
-    listed,
-    of_recordings,
-    resolved,
-)
+from jgait.notes import SEVERITIES, Note, from_json, grouped, listed, of_recordings, resolved
 from jgait.plot import cohort as plot_cohort
 from jgait.report import flags
 from jgait.report.made import Made
@@ -93,10 +85,8 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         ImportError: without the extra `cli`.
     """
     made = Made() if made is None else made
-    failures = [
-        (without_folders(str(name)), without_folders(str(reason)))
-        for name, reason in zip(cohort.failures["recording"], cohort.failures["reason"], strict=True)
-    ]
+    failures = {without_folders(str(row.recording)): without_folders(str(row.reason))
+                for row in cohort.failures.itertuples()}  # fmt: skip
     if not len(cohort.recordings) and not failures:
         raise ValueError("a report needs recordings; the cohort has none, not even one that failed")
     usable = cohort.usable()
@@ -104,24 +94,33 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
     raised = flags.ordered([*flags.explained(made.notes), *doubts(cohort, usable)])
     used, people = len(cohort.recordings), cohort.recordings["subject"].nunique()
     facts = [
-        ("Recordings used", f"{used} of {used + len(failures)}", f"of {people} people"),
+        ("Recordings used", f"{used} of {used + len(cohort.failures)}", f"of {people} people"),
         ("Recorded time", f"{number(float(cohort.recordings['seconds'].sum()), 0)} s", "of the recordings used"),
         *_headline(paired, agreement),
     ]  # fmt: skip
+    about = about_of(made.estimator)
+    tuned = [f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code in TUNED]
+    known = " ".join([*tuned, *remarks(usable, agreement, "stride_time" in (about.losses or ()))])
+    lost = Table("Recordings that could not be used, and why.", ("recording", "reason"),
+                 [[Cell(name), Cell(reason)] for name, reason in failures.items()], words=1)  # fmt: skip
+    body = "Measures of a person that the cohort states replace these values, person by person."
     sections = [
-        Section("Bland–Altman", HOW, _figures(paired)) if len(paired) else None, _agreement(usable, agreement, made),
-        _people(cohort, usable), _recordings(cohort), _failures(failures), _parameters(made),
+        Section("Bland–Altman", HOW, _figures(paired)),
+        Section("Agreement with the reference", known, agreement_tables(agreement)),
+        _people(cohort, usable), _recordings(cohort),
+        Section("What could not be used", "", [lost] if failures else []),
+        Section("Parameters", body, [table for table in [made.table()] if table is not None]),
     ]  # fmt: skip
-    about = about_of(made.estimator).title
-    lead = f"{about}, compared with an independent measurement." if len(paired) else f"{about}; no reference is known."
+    lead = "compared with an independent measurement" if len(paired) else "no reference is known"
     numbers = {
-        "kind": "cohort", "cohort": title, "recordings": used, "people": people, "failures": dict(failures),
+        "kind": "cohort", "cohort": title, "recordings": used, "people": people, "failures": failures,
         "agreement": agreement.astype(object).to_dict("index"), "flags": [flag._asdict() for flag in raised],
         "people_table": usable.by_subject().to_dict("records"), "made": made.numbers(),
     }  # fmt: skip
     return Report(Content(
-        Path(title).name, "Cohort report", lead, facts, flags.verdict(raised), raised, "Errors: estimate − reference.",
-        [section for section in sections if section is not None], made.settings(), made.command, numbers,
+        Path(title).name, "Cohort report", f"{about.title}{',' if len(paired) else ';'} {lead}.", facts,
+        flags.verdict(raised), raised, "Errors: estimate − reference.",
+        [section for section in sections if section.parts], made.settings(), made.command, numbers,
     ))  # fmt: skip
 
 
@@ -199,14 +198,6 @@ def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[s
     if len(relative):
         facts.append(("Distance: mean |error|", f"{number(100.0 * float(relative.mean()), 1)} %", "of the reference"))
     return facts
-
-
-def _agreement(usable: Cohort, agreement: "pd.DataFrame", made: Made) -> Section | None:
-    """The tables of agreement with what is to be known of them, and whether parameters were tuned on the recordings."""
-    tuned = [f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code in TUNED]
-    tables, has_strides = agreement_tables(agreement), "stride_time" in (about_of(made.estimator).losses or ())
-    text = " ".join([*tuned, *remarks(usable, agreement, has_strides)])
-    return Section("Agreement with the reference", text, tables) if tables else None
 
 
 def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
@@ -347,22 +338,6 @@ def _recordings(cohort: Cohort) -> Section:
     return Section("Recordings", text, [Table(caption, columns, rows, True, 1)])
 
 
-def _failures(failures: Sequence[tuple[str, str]]) -> Section | None:
-    if not failures:
-        return None
-    rows = [[Cell(name), Cell(reason)] for name, reason in failures]
-    table = Table("Recordings that could not be used, and why.", ("recording", "reason"), rows, words=1)
-    return Section("What could not be used", "", [table])
-
-
-def _parameters(made: Made) -> Section | None:
-    table = made.table()
-    if table is None:
-        return None
-    text = "Measures of a person that the cohort states replace these values, person by person."
-    return Section("Parameters", text, [table])
-
-
 def read_folder(folder: Path) -> tuple[Cohort, Made]:
     """The tables of an evaluation that `jgait evaluate` wrote, and its settings.
 
@@ -376,18 +351,15 @@ def read_folder(folder: Path) -> tuple[Cohort, Made]:
     about = json.loads((folder / "run" / "cohort.json").read_text(encoding="utf-8"))
     if not isinstance(about, dict) or "estimator" not in about:
         raise ValueError("run/cohort.json does not state how the evaluation was made")
-    name = str(about["estimator"])
+    name, stored = str(about["estimator"]), json.loads(about["params"])
     default = estimators.get(name).params if name in estimators.names() else None
-    stored = json.loads(about["params"])
-    values = (
-        {name: value for name, value in stored.items() if isinstance(value, float)} if isinstance(stored, dict) else {}
-    )
+    numbers = stored if isinstance(stored, dict) else {}
+    values = {name_of: value for name_of, value in numbers.items() if isinstance(value, float)}
     params = jax.tree_util.tree_map_with_path(
         lambda where, old: values.get(jax.tree_util.keystr(where).lstrip("."), old), default
     )
     stated = folder / "notes.json"
     every = json.loads(stated.read_text(encoding="utf-8")) if stated.is_file() else []
-    # the others are in the table
-    notes = from_json(json.dumps([note for note in every if note.get("recording") is None]))
+    notes = from_json(json.dumps([note for note in every if note.get("recording") is None]))  # others: in the table
     version = str(about.get("jgait", ""))
     return cohort, Made(name, params, default, file=folder.resolve().name, notes=notes, version=version)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from jgait.io.totals import CAPTION, Total, totals, totals_by_source
 from jgait.report import flags, strides
 from jgait.report.figures import pictures
 from jgait.report.made import Made
-from jgait.report.page import Cell, Content, Flag, Report, Section, Table, number, significant
+from jgait.report.page import Cell, Content, Report, Section, Table, number, significant
 from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:
@@ -50,17 +50,16 @@ def of_analysis(
     rows = []
     for comparison in analysis.comparisons:
         column, counted = QUANTITIES[comparison.quantity], comparison.strides and comparison.quantity != "strides"
-        spread = "–" if comparison.stddev is None else number(comparison.stddev, column.digits)
-        cells = (column.words, comparison.source, number(comparison.value, column.digits), spread,
-                 str(comparison.strides) if counted else "–", column.shown)  # fmt: skip
-        rows.append([*map(Cell, cells)])
+        value, spread = (number(value, column.digits) for value in (comparison.value, comparison.stddev))
+        cells = (column.words, comparison.source, value, spread, str(comparison.strides) if counted else "–")
+        rows.append([*map(Cell, cells), Cell(column.shown)])
     used = ", ".join(f"{source.name} by {source.estimator}" for source in analysis.sources)
     caption = (
         f"Sources: {used}. Medians over whole strides, ± one standard deviation of the error of a stride or of the "
         "distance; the combined value is from sources that are not in doubt, weighted by their variances if they agree."
     )
-    parts = [Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)]
-    more = [*more, Section("What each sensor says", "", parts)]
+    said = Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)
+    more = [*more, Section("What each sensor says", "", [said])]
     if len(tables["bouts"]):
         shown = [COLUMNS[name] for name in BOUTS]
         rows = [
@@ -70,8 +69,8 @@ def of_analysis(
         caption = (
             "Walking between pauses; stride length, speed and cadence are medians over the regular strides of the bout."
         )
-        parts = [Table(caption, ("no.", *(column.heading for column in shown)), rows)]
-        more.append(Section("Bouts of walking", "", parts))
+        bouts = Table(caption, ("no.", *(column.heading for column in shown)), rows)
+        more.append(Section("Bouts of walking", "", [bouts]))
     return of_estimate(
         analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"],
         measured=totals_by_source(analysis),
@@ -107,39 +106,45 @@ def of_estimate(
     params = made.params if made.params is not None else made.default
     settings = {"options": about.paper if made.pipeline else about.default}
     sources = None if params is None else EstimatedRecording(recording, estimate, params, settings)
-    drawn = pictures(estimate, reference, about.figures, sources)
     none = "No stride is regular, so that there are no means." if len(of.table) else NO_STRIDES
-    tables = [table for table in [strides.mean_table(rows)] if table.rows]
+    glance = [table for table in [strides.mean_table(rows)] if table.rows]
+    against = [] if reference is None else [_against(estimate, recording, reference)]
+    each = [strides.stride_table(of)] if len(of.table) else []
     sections = [
-        *([Section("Figures", "", drawn)] if drawn else []),
-        *([] if reference is None else [_against(estimate, recording, reference)]),
-        Section("Gait at a glance", "" if tables else none, tables), *more,
-        *([Section("Stride by stride", "", [strides.stride_table(of)])] if len(of.table) else []),
+        Section("Figures", "", pictures(estimate, reference, about.figures, sources)), *against,
+        Section("Gait at a glance", "" if glance else none, glance), *more, Section("Stride by stride", "", each),
         _details(estimate, recording, made),
     ]  # fmt: skip
-    title = Path(recording.name).name
     who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
     seconds, rate = float(estimate.time[-1] - estimate.time[0]), significant(recording.sampling_rate_hz, 4)
     worn = ", ".join(map(_place, recording.sensors))
     lead = f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz, by sensors at: {worn}."
     measured = totals(estimate, stride_flags.STRIDE_FLAGS) if measured is None else measured
+    distance, deviation = distance_of(estimate) or (None, None)
+    name = Path(recording.name).name
+    numbers = {
+        "kind": "recording", "recording": name, "subject": recording.subject, "duration_s": seconds,
+        "sampling_rate_hz": float(recording.sampling_rate_hz), "sensors": list(recording.sensors),
+        "distance_m": distance, "distance_std_m": deviation, "strides": len(of.table),
+        "strides_regular": int(of.regular.sum()),
+        "means": rows.astype(object).where(rows.notna(), None).to_dict("records"),
+        "flags": [flag._asdict() for flag in raised], "stride_table": of.table.to_dict("records"),
+        "made": made.numbers(),
+    }  # fmt: skip
     return Report(Content(
-        title, "Gait report", lead, _facts(measured, of, rows), flags.verdict(raised), raised,
-        CAPTION, sections, made.settings(), made.command, _numbers(estimate, recording, of, rows, raised, made),
+        name, "Gait report", lead, _facts(measured, of, rows), flags.verdict(raised), raised, CAPTION,
+        [section for section in sections if section.text or section.parts], made.settings(), made.command, numbers,
     ))  # fmt: skip
 
 
 def _facts(measured: Sequence[Total], of: strides.ReportStrides, rows: "pd.DataFrame") -> list[tuple[str, str, str]]:
     """Numbers above the page, each with its sensors: those of the terminal, and means of cycles of leg angles."""
-    of_sides = strides.sides(of)
-    by_side = [
-        f"{int(np.sum(of_sides == side))} {label}"
-        for side, label in (*((side, side) for side in SIDES), ("", stride_flags.SIDE_UNKNOWN.label))
-        if (of_sides == side).any()
-    ]
-    facts = [] if measured and measured[0].words == "strides" else [("Strides", str(len(of.table)), ", ".join(by_side))]
+    sides = strides.sides(of)
+    labels = {**{side: side for side in SIDES}, "": stride_flags.SIDE_UNKNOWN.label}
+    by_side = ", ".join(f"{np.sum(sides == side)} {label}" for side, label in labels.items() if (sides == side).any())
+    facts = [] if measured and measured[0].words == "strides" else [("Strides", str(len(of.table)), by_side)]
     for total in measured:
-        source = ", ".join(by_side) if total.words == "strides" else total.source
+        source = by_side if total.words == "strides" else total.source
         facts.append((total.words[:1].upper() + total.words[1:], total.text, source))
     for row in rows.to_dict("records") if of.cycles else ():
         if row["measure"] in ("stride_length", "stride_duration", "cadence", "walking_speed"):
@@ -152,14 +157,10 @@ def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> S
     """The numbers of the whole recording beside those of the reference."""
     rows = []
     for name, (value, known) in score(estimate, Walk(recording, reference, {})).quantities.items():
-        if not np.isfinite([value, known]).all():
-            continue
-        words, unit = readable(name)
-        if "_rmse_" in name:
-            rows.append([Cell(words), Cell("–"), Cell("–"), Cell(significant(value)), Cell(unit)])
-        else:
-            cells = (significant(number) for number in (value, known, value - known))
-            rows.append([Cell(words), *map(Cell, cells), Cell(unit)])
+        if np.isfinite([value, known]).all():
+            words, unit = readable(name)
+            numbers = (None, None, value) if "_rmse_" in name else (value, known, value - known)
+            rows.append([Cell(words), *(Cell(significant(number)) for number in numbers), Cell(unit)])
     caption = (
         "This recording against an independent measurement; of whole curves, their root mean square difference, "
         "offsets while standing included."
@@ -204,26 +205,3 @@ def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
 def _place(name: str) -> str:
     part, _, side = name.rpartition("_")
     return f"{side} {part}" if side in SIDES else name.replace("_", " ")
-
-
-def _numbers(
-    estimate: Estimate, recording: Recording, of: strides.ReportStrides, rows: "pd.DataFrame",
-    raised: list[Flag], made: Made,
-) -> dict[str, Any]:  # fmt: skip
-    distance, deviation = distance_of(estimate) or (None, None)
-    return {
-        "kind": "recording",
-        "recording": Path(recording.name).name,
-        "subject": recording.subject,
-        "duration_s": float(estimate.time[-1] - estimate.time[0]),
-        "sampling_rate_hz": float(recording.sampling_rate_hz),
-        "sensors": list(recording.sensors),
-        "distance_m": distance,
-        "distance_std_m": deviation,
-        "strides": len(of.table),
-        "strides_regular": int(of.regular.sum()),
-        "means": rows.astype(object).where(rows.notna(), None).to_dict("records"),
-        "flags": [flag._asdict() for flag in raised],
-        "stride_table": of.table.to_dict("records"),
-        "made": made.numbers(),
-    }
