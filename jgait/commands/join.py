@@ -10,7 +10,7 @@ import typer
 
 from jgait.commands.console import count, refused, stop
 from jgait.commands.folder import run_of
-from jgait.commands.machines import COMMAND, PARTS, Part
+from jgait.commands.machines import COMMAND, PARTS, JobPart
 
 
 def join(
@@ -45,13 +45,13 @@ def join(
     raise typer.Exit(code or 0)
 
 
-def _checked(out: Path) -> dict[Part, dict[str, Any]]:
+def _checked(out: Path) -> dict[JobPart, dict[str, Any]]:
     """Part → the arguments of its folder; exits with code 2 if the parts are not one whole."""
-    made: list[tuple[Part, dict[str, Any]]] = []
+    made: list[tuple[JobPart, dict[str, Any]]] = []
     with refused(f"{out}: ", KeyError, TypeError):
         for file in sorted((out / PARTS).glob("*-of-*/.jgait-*.json")):
             manifest = json.loads(file.read_text(encoding="utf-8"))
-            part = Part(*map(int, file.parent.name.split("-of-")))
+            part = JobPart(*map(int, file.parent.name.split("-of-")))
             if not manifest["finished"]:
                 stop(f"part {part} did not end; give its command again")
             made.append((part, manifest["arguments"]))

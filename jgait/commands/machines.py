@@ -35,7 +35,7 @@ WITHOUT_VALUE, WITH_VALUE = ("--fresh",), ("--part", "--dask", "--out")
 """Options that may differ between the commands of parts, without and with a value."""
 
 
-class Part(NamedTuple):
+class JobPart(NamedTuple):
     """A part of the work: its number, from 1, and how many parts there are."""
 
     number: int
@@ -71,14 +71,14 @@ class Part(NamedTuple):
             raise typer.Exit(1)
 
 
-def part_of(text: str | None) -> Part | None:
+def part_of(text: str | None) -> JobPart | None:
     """The part that a text names, such as 3/20; exits with code 2 if it names none."""
     if text is None:
         return None
     number, _, of = text.partition("/")
     if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
         stop(f"--part is K/N with a number K from 1 to N, such as 3/20; got {text!r}")
-    return Part(int(number), int(of))
+    return JobPart(int(number), int(of))
 
 
 def shared_words(words: Sequence[str]) -> list[str]:

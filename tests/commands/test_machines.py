@@ -99,7 +99,7 @@ def made(tmp_path):
     """Parts of a command that nobody ran: number, of, and changes of the manifest."""
 
     def put(number, of, command="estimate", **changes):
-        folder = machines.Part(number, of).place(tmp_path)
+        folder = machines.JobPart(number, of).place(tmp_path)
         folder.mkdir(parents=True, exist_ok=True)
         content = {"arguments": {machines.COMMAND: [command, "walk.csv"], "walk": "walk.csv"}, "finished": True}
         (folder / f".jgait-{command}.json").write_text(json.dumps(content | changes))
@@ -134,7 +134,7 @@ def test_what_is_no_part_is_refused(table, tmp_path, part):
 
 def test_a_part_again_computes_what_is_left(table, whole, tmp_path):
     parts((*COMMANDS["estimate"], table), tmp_path / "out", of=1)
-    place = machines.Part(1, 1).place(tmp_path / "out") / "estimated"
+    place = machines.JobPart(1, 1).place(tmp_path / "out") / "estimated"
     kept = {path: path.stat().st_mtime_ns for path in place.glob("w[12]/*")}
     (place / "w0").rename(tmp_path / "lost")
     parts((*COMMANDS["estimate"], table), tmp_path / "out", of=1)
