@@ -17,8 +17,8 @@ import jgait
 from jgait.commands import cohort
 from jgait.estimators.notes import STRIDES_UNCERTAIN
 from jgait.io.checks.readings import MASKED
-from jgait.io.clock import GAPS_FILLED
 from jgait.notes import (
+    DATA_LOST,
     SEVERITIES,
     Kind,
     Note,
@@ -194,7 +194,7 @@ def test_a_number_has_the_digits_that_its_spread_needs(value, spread, text):
 def test_lost_samples_that_the_reader_noted_are_not_counted_again():
     lost, other = (STRIDES_UNCERTAIN(samples=3, placement=f"foot_{side}", longest_s=0.03) for side in ("left", "right"))
     masked = MASKED.note("values that no sensor reads: 3", placement="foot_left")
-    filled = GAPS_FILLED(gaps=1, longest_s=1.0, begin_s=2.0, inserted=3)
+    filled = DATA_LOST._replace(of_all=True).note("1 gap in time, the longest 1 s; 3 samples inserted and masked")
     assert without_repeats((lost, other)) == (lost, other)
     assert without_repeats((masked, lost, other, other)) == (masked, other)
     assert without_repeats((lost, other, filled)) == (filled,)
