@@ -19,7 +19,7 @@ def explanation(explained: Explanation, *, title: str = "") -> Figure:
     figure, ((axis,),) = blank(1, 1, 6.5, 0.9 + 0.3 * max(len(rows), 1))
     factor, unit = explained.small
     effects = [factor * abs(a.effect) for a in rows]
-    bars = axis.barh([a.name.replace("_", " ") for a in rows], effects, color=BLUE, edgecolor="black", linewidth=0.6)
+    bars = axis.barh([a.words for a in rows], effects, color=BLUE, edgecolor="black", linewidth=0.6)
     axis.bar_label(bars, [f"{100.0 * a.share:.0f} %" for a in rows], padding=3)
     axis.invert_yaxis()
     axis.margins(x=0.15)

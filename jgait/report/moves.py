@@ -1,6 +1,7 @@
 """What moves a number of a recording, as a part of the page."""
 
 from jgait import plot
+from jgait.estimators.labels import words
 from jgait.report.page import Cell, Section, Table, picture, significant
 from jgait.tune import Assumption, Explanation
 
@@ -15,9 +16,9 @@ def table(explained: Explanation) -> Table:
     unit = f" [{explained.small[1]}]"
     rows = [
         [
-            Cell(a.name.replace("_", " ")), Cell(f"{100.0 * a.share:.1f} %", a.share), Cell(_text(explained, a.effect)),
+            Cell(a.words), Cell(f"{100.0 * a.share:.1f} %", a.share), Cell(_text(explained, a.effect)),
             Cell(significant(a.deviation, 2)), Cell(a.unit), Cell(_text(explained, a.without) if a.remedy else "–"),
-            Cell(a.remedy or "–"), Cell(SOURCES.get(a.source, a.source.replace("_", " "))),
+            Cell(a.remedy or "–"), Cell(SOURCES.get(a.source) or words(a.source)),
         ]
         for a in explained.assumptions if a.share >= 5e-4
     ]  # fmt: skip
@@ -39,7 +40,7 @@ def _text(explained: Explanation, value: float) -> str:
 def _unstated(assumptions: tuple[Assumption, ...], explained: Explanation, most: int = 5) -> str:
     """The sentence about parameters without a stated deviation."""
     factor, unit = explained.small
-    each = [f"{a.name.replace('_', ' ')} {significant(factor * a.tenth, 2)}" for a in assumptions[:most]]
+    each = [f"{a.words} {significant(factor * a.tenth, 2)}" for a in assumptions[:most]]
     if not each:
         return ""
     more = f" and {len(assumptions) - most} others that move it less" if len(assumptions) > most else ""

@@ -20,6 +20,7 @@ from jaxtyping import Float, PyTree, PyTreeDef
 
 from jgait.estimators.columns import COLUMNS, QUANTITIES, Column
 from jgait.estimators.interface import Estimator, pad
+from jgait.estimators.labels import words
 from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.proportions import SHARE_SD, SHARES
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, in_order, regular
@@ -77,6 +78,11 @@ class Assumption(NamedTuple):
     without: float
     remedy: str
 
+    @property
+    def words(self) -> str:
+        """The assumption in a reader's words."""
+        return words(self.name)
+
 
 @record
 class Explanation(NamedTuple):
@@ -118,7 +124,7 @@ class Explanation(NamedTuple):
     @property
     def sentence(self) -> str:
         """The number, its deviation, and the largest shares."""
-        shares = [f"{a.name} {100.0 * a.share:.0f} %" for a in self.assumptions if a.share >= 0.01][:4]
+        shares = [f"{a.words} {100.0 * a.share:.0f} %" for a in self.assumptions if a.share >= 0.01][:4]
         spread = f"{self.shown(self.stddev):.2g}"
         digits = max(self.column.digits, len(spread.partition(".")[2]))
         value = f"{self.shown(self.value):.{digits}f}"
@@ -216,11 +222,13 @@ def explain(
         if name.partition(".")[0] not in estimator.unused
     ]
 
-    active = [(k, np.asarray(s)) for k, s in zip(floats, slopes, strict=True) if np.any(s)]
+    bare = jax.tree.leaves(prepared.inputs)  # what padding adds moves nothing
+    active = [(k, np.asarray(s)[tuple(map(slice, np.shape(bare[k])))])
+              for k, s in zip(floats, slopes, strict=True) if np.any(s)]  # fmt: skip
 
     def changes(erring: Recording) -> tuple[np.ndarray, np.ndarray]:
-        other = jax.tree.leaves(pad(estimator.prepare(erring).inputs, samples))
-        parts = [(s, np.asarray(other[k]) - flat[k]) for k, s in active]
+        other = jax.tree.leaves(estimator.prepare(erring).inputs)
+        parts = [(s, np.asarray(other[k]) - bare[k]) for k, s in active]
         return np.array([np.any(part) for _, part in parts]), np.array([np.vdot(*part) for part in parts])
 
     assumptions += _of_sensors(recording, sensor, changes)
@@ -247,20 +255,22 @@ def _of_sensors(
         return changed
 
     every = {error: deviation * some for error, deviation in deviations.items()}
-    reached = {placement: changes(erring([placement], every))[0] for placement in recording.sensors}
+    alone = len(recording.sensors) == 1  # its errors reach all that any error reaches
+    reached = {placement: np.array(True) if alone else changes(erring([placement], every))[0]
+               for placement in recording.sensors}  # fmt: skip
     groups: list[list[str]] = []
     for placement in (name for name, moved in reached.items() if moved.any()):
         others = (g for g in groups if not any(np.any(reached[placement] & reached[other]) for other in g))
         if (group := next(others, None)) is None:
             groups.append(group := [])
         group.append(placement)
-    for group, (error, (words, unit, remedy)) in itertools.product(groups, CALIBRATION.items()):
+    for group, (error, (text, unit, remedy)) in itertools.product(groups, CALIBRATION.items()):
         # the angle of the mounting is about a random axis
         each = deviations[error] / math.sqrt(3.0) if error == "mounting" else deviations[error]
         axes = [changes(erring(group, {error: row}))[1] / SMALL for row in SMALL * each * np.eye(3) if each]
         for placement in group:
             effect = math.hypot(*(axis[reached[placement]].sum() for axis in axes))
-            name = f"{words}, {placement}"
+            name = f"{text}, {placement}"
             yield Assumption(name, deviations[error], unit, "sensor", effect, math.nan, 0.0, math.nan, remedy)
 
 

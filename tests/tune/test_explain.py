@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jgait import estimators, simulate
+from jgait.estimators.labels import LABELS, words
 from jgait.estimators.stride_flags import in_order, regular
 from jgait.params import stated
 from jgait.simulate import sensors
@@ -82,6 +83,12 @@ def test_a_measured_person_and_given_deviations_replace_those_declared(walk):
         explain(WAIST, WAIST.params, walk, deviations={"leg": 1.0})
     with pytest.raises(ValueError, match="no 'stride_duration' with a gradient"):
         explain(WAIST, WAIST.params, walk, "stride_duration")
+
+
+def test_every_parameter_has_words_for_readers():
+    every = {name for one in estimators.names() for name in stated(estimators.get(one).params)}
+    assert [name for name in every if words(name) in (name, name.replace("_", " ")) and name not in LABELS] == []
+    assert words("pendulum_length_sd") == "height of the sensor above ground, uncertainty"
 
 
 def test_planted_errors_of_one_deviation_are_covered(walk, explained):
