@@ -31,6 +31,7 @@ COMMANDS = {
     "report": "One HTML page about a recording or a cohort.",
     "explain": "Which assumption moves a number of a recording.",
     "plan": "Which sensors a study needs: errors of set-ups.",
+    "export": "The estimators sample by sample, as programs that run without jgait.",
     "datasets": "Public recordings: what there is, and how to get it.",
     "cache": "Compiled programs kept between runs: their size; remove them.",
 }

@@ -1,10 +1,12 @@
 """Estimators sample by sample, behind one object: `online` makes it, `Online.push` takes samples and tells what is new.
 
-`device` runs an estimator in a compiled loop; `legs`, `duty` and `strides` are the estimators that have a causal form;
-`samples` checks samples as they come; `distance` sums strides; `session` puts them together.
+`device` runs an estimator in a compiled loop, `export` writes it as a program that runs without jgait; `legs`, `duty`
+and `strides` are the estimators that have a causal form; `samples` checks samples as they come; `distance` sums
+strides; `session` puts them together.
 """
 
 from jgait.estimators.online.device import Device
+from jgait.estimators.online.export import ExportedStep
 from jgait.estimators.online.session import CAUSAL, NewContacts, News, NewStrides, Online, online
 
-__all__ = ["CAUSAL", "Device", "NewContacts", "NewStrides", "News", "Online", "online"]
+__all__ = ["CAUSAL", "Device", "ExportedStep", "NewContacts", "NewStrides", "News", "Online", "online"]

@@ -13,6 +13,7 @@ from jgait.estimators.lagged import LaggedNow
 from jgait.estimators.online import duty, legs, strides
 from jgait.estimators.online.device import Device, Runner
 from jgait.estimators.online.distance import LostTime, StridesWay
+from jgait.estimators.online.export import ExportedStep, exported
 from jgait.estimators.online.samples import Pushes
 from jgait.estimators.proportions import gives
 from jgait.notes import Note, record
@@ -106,6 +107,10 @@ class Online:
     def state_bytes(self) -> int:
         """Memory of all states between two samples [bytes]; it does not grow."""
         return sum(runner.state_bytes for runner in self._runners)
+
+    def export(self) -> dict[str, ExportedStep]:
+        """Source → the step of its estimator as a program that runs without jgait, see `online.export`."""
+        return {runner.device.source: exported(runner.device, self.sampling_rate_hz) for runner in self._runners}
 
     def push(self, time: AnyArray | float, signals: Mapping[str, tuple[AnyArray, AnyArray | None]]) -> News:
         """What one sample or a block of n samples tells.
