@@ -79,11 +79,11 @@ class ExportedStep(NamedTuple):
         Raises:
             ImportError: without flatbuffers, which `jgait[cli]` brings.
         """
-        source, (args, _) = self.device.source, self.step.in_tree.unflatten(self.step.in_avals)
-        real = args[2]["dt"].dtype
+        ((_, _, sample), _) = jax.tree.unflatten(self.step.in_tree, self.step.in_avals)
+        source, real = self.device.source, sample["dt"].dtype
         about = {
             "source": source, "sensors": self.device.placements, "sampling_rate_hz": self.sampling_rate_hz,
-            "sample": {name: [str(leaf.dtype), leaf.shape] for name, leaf in args[2].items()},
+            "sample": {name: [str(leaf.dtype), leaf.shape] for name, leaf in sample.items()},
             "units": {"dt": "s", "gyr": "rad/s", "acc": "m/s²"}, "sides": self.device.sides,
             "state_bytes": self.state_bytes, "operations_a_sample": self.operations,
         }  # fmt: skip
