@@ -25,9 +25,8 @@ GROUPS = {f"{part}s" if part != "foot" else "feet": tuple(f"{part}_{side}" for s
 
 HEAD = (
     "expected: error of the mean, ± its standard deviation with so many walks; bias: mean error, which more people do "
-    "not reduce; between people: standard deviation of a person's error; a stride: root mean square error of single "
-    "strides; covered: strides within two of their stated deviations, 95 % if these are right; gyroscope: its mean "
-    "power."
+    "not reduce; people: standard deviation of a person's error; stride: root mean square error of single strides; "
+    "covered: strides within two of their stated deviations, 95 % if these are right; gyroscope: its mean power."
 )
 """What the columns of the table are."""
 
@@ -157,26 +156,22 @@ def _show(table: pd.DataFrame, measure: str, within: float | None, people: int) 
     factor, unit = (100.0, "cm") if column.unit == "m" else (1.0, column.shown)
     for row in table.to_dict("records"):
         if not row["walks"]:
-            rows.append((row["name"], "–", *[""] * 6, row["reason"][:60]))
+            rows.append((row["name"], "–", *[""] * 5, row["reason"][:60]))
             continue
-        columns = ("expected", "expected_sd", "bias", "sd", "stride_rmse")
+        columns = ("expected", "bias", "sd", "stride_rmse")
         numbers = ["–" if math.isnan(row[name]) else f"{factor * row[name]:.2f}" for name in columns]
+        numbers[0] += f" ± {factor * row['expected_sd']:.2f}" if row["expected_sd"] > 0.0 else ""
         covered = "–" if math.isnan(row["coverage"]) else f"{100.0 * row['coverage']:.0f} %"
         rows.append((row["name"], *numbers, covered, f"{1e3 * row['gyr_power']:.1f}", row["walks"]))
-    head = ("±", "bias", "between people", "a stride", "covered", "gyroscope [mW]", "walks")
-    show(
-        "set-up",
-        f"expected [{unit}]",
-        *head,
-        rows=rows,
-        title=f"{column.words}, mean of {people if people > 1 else 'each person'}",
-    )
+    head = ("set-up", f"expected [{unit}]", "bias", "people", "stride", "covered", "gyroscope [mW]", "walks")
+    show(*head, rows=rows, title=f"{column.words}, mean of {people if people > 1 else 'each person'}")
     say(HEAD, style="dim")
     best, *others = table[table["walks"] > 0].to_dict("records")
     alike = [row["name"] for row in others if row["expected"] - best["expected"]
              < 2.0 * math.hypot(row["expected_sd"], best["expected_sd"])]  # fmt: skip
     if alike:
-        say(f"{best['walks']} people do not tell apart from {best['name']}: {'; '.join(alike)}")
+        many = f"{best['walks']} people do" if best["walks"] > 1 else "one walk does"
+        say(f"{many} not tell apart from {best['name']}: {'; '.join(alike)}")
     if within is not None:
         enough = table[(table["walks"] > 0) & (table["expected"] <= within)]["name"]
         say(f"within {factor * within:g} {unit}: " + ("; ".join(enough) or "no set-up"))

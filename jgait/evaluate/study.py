@@ -174,7 +174,7 @@ def plan(
         The fields of `Setup`; `estimator`; `walks` that could be estimated and `strides`; in SI units, but angles in
         degrees, `bias` and `sd` of the error of a person's mean, `stride_rmse` of single strides, and `expected`, the
         error of the mean of `people` people, √(bias² + sd² / people), with the stated deviation of an own truth;
-        `expected_sd`, its standard deviation with so many walks; `sd` and `expected_sd` are NaN of one walk;
+        `expected_sd`, its standard deviation with so many walks, of one walk with so many strides; `sd` of one is NaN;
         `coverage`: share of strides within two stated deviations [1]; `gyr_power`, mean power of a gyroscope as
         `duty_cycle.power` states it [W]; `reason` why walks failed, or "".
 
@@ -217,8 +217,9 @@ def _row(walks: Sequence[Walk], setup: Setup, column: str, people: int) -> dict[
     within = done.quantities[done.quantities["quantity"] == f"{column.rpartition('_')[0]}_within_2sd_percent"]
     of_truth = math.sqrt(np.mean([_stated(walk, column) ** 2 for walk in made]))
     expected = math.sqrt(bias**2 + (spread**2 + of_truth**2) / people)
-    # of the bias, sd²/n, and of the variance of people, 2 sd⁴/(n − 1), through the square root
-    doubt = math.hypot(bias * sd / math.sqrt(len(each)), sd**2 / people / math.sqrt(2.0 * max(len(each) - 1, 1)))
+    # of the bias, sd²/n, of one walk that of its strides, and of the variance of people, 2 sd⁴/(n − 1)
+    of_bias = sd / math.sqrt(len(each)) if len(each) > 1 else float(np.std(errors)) / math.sqrt(errors.size)
+    doubt = math.hypot(bias * of_bias, spread**2 / people / math.sqrt(2.0 * max(len(each) - 1, 1)))
     return row | {
         "estimator": estimator.name, "walks": len(each), "strides": errors.size, "bias": bias, "sd": sd,
         "stride_rmse": math.hypot(math.sqrt(np.mean(errors**2)), of_truth),

@@ -40,7 +40,10 @@ def study(table: "pd.DataFrame", measure: str, *, within: float | None = None, t
     rows, column = table[table["walks"] > 0].sort_values("expected"), QUANTITIES[measure]
     factor, unit = (100.0, "cm") if column.unit == "m" else (1.0, column.shown)
     figure, ((axis,),) = blank(1, 1, 6.5, 1.3 + 0.26 * max(len(rows), 1))
-    axis.barh(rows["name"], factor * rows["expected"], color=BLUE, edgecolor="black", linewidth=0.6, label="expected")
+    axis.barh(
+        rows["name"], factor * rows["expected"], xerr=factor * rows["expected_sd"], color=BLUE, edgecolor="black",
+        linewidth=0.6, capsize=3, label="expected, ± its standard deviation",
+    )  # fmt: skip
     axis.plot(factor * rows["bias"].abs(), rows["name"], "k|", markersize=9, markeredgewidth=2, label="|bias|")
     if within is not None:
         axis.axvline(factor * within, color=RED, linestyle="--", label="wanted")

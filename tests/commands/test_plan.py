@@ -48,6 +48,9 @@ def test_plan_of_a_recording_and_of_simulated_people(walk, tmp_path):
     assert code == 0, said
     rows = json.loads(numbers.read_text())["setups"]
     assert {row["name"] for row in rows} == {"waist, 50 Hz", "waist, 100 Hz"}
+    assert {row["sd"] for row in rows} == {None}  # of one person
+    assert any(row["expected_sd"] > 0.0 for row in rows)
+    assert "bias: mean error, which more people do not reduce" in said
     some = ("--simulated", "2", "--metres", "12", "--places", "waist", "--rates", "100", "--people", "9")
     code, said = command.run("plan", *some, "--within", "0.5", "--figure", figure)
     assert code == 0, said
