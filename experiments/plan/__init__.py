@@ -1,3 +1,3 @@
-"""`jgait plan` and `jgait explain`: predicted errors beside real ones, and shares beside finite differences."""
+"""Predicted errors beside real ones, shares beside finite differences, and sensors calibrated from a walk."""
 
-PARTS = ("degraded", "explained")
+PARTS = ("degraded", "explained", "calibrated")
