@@ -145,6 +145,8 @@ class Estimator[P, I](NamedTuple):
         about: description of the estimator: measures, options, tables, figures, flags.
         per_stride: names of the diagnostics with an entry for each stride.
         finish: (estimate without padding, `Prepared`) → the estimate of one recording; on the host.
+        in_parts: (params, inputs, options) → the estimate of a long recording, computed in parts, or None for a
+            recording that is not long; on the host.
         unused: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so
             that its gradient is zero by construction.
         likelihood: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning; pure, `options`
@@ -161,6 +163,7 @@ class Estimator[P, I](NamedTuple):
     about: About = About()
     per_stride: tuple[str, ...] = ()
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
+    in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
     unused: tuple[str, ...] = ()
     likelihood: Callable[[P, I, PyTree], Values] | None = None
     through: bool = False
@@ -196,7 +199,7 @@ class Estimator[P, I](NamedTuple):
         check_params(p, self.transforms, self.params)
         prepared = self.prepared(recording)
         with np.errstate(all="ignore"):
-            result = self.run(*self.arguments(p, prepared))
+            result = self.parts(p, prepared) or self.run(*self.arguments(p, prepared))
         return self.finished(result, prepared)
 
     def prepared(self, recording: Recording) -> Prepared[I]:
@@ -216,7 +219,11 @@ class Estimator[P, I](NamedTuple):
     def computed(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The result of `run` for the padded inputs of a prepared recording, on the host."""
         with np.errstate(all="ignore"):  # padding, and samples that are not valid
-            return self.run(*self.arguments(p, prepared))
+            return self.parts(p, prepared) or self.run(*self.arguments(p, prepared))
+
+    def parts(self, p: P, prepared: Prepared[I]) -> Estimate | None:
+        """The result of `in_parts`, None without one."""
+        return self.in_parts and self.in_parts(on_host(p), on_host(prepared.inputs), prepared.options)
 
     def arguments(self, p: P, prepared: Prepared[I]) -> tuple[P, I, PyTree]:
         """The arguments of `run` for a prepared recording: padded, so that few programs are compiled, on the host."""

@@ -207,7 +207,7 @@ def explain(
     prepared = estimator.prepare(recording)
     samples = bucket(len(prepared.inputs.time))
     inputs = pad(prepared.inputs, samples)
-    raw = estimator.computed(params, prepared)
+    raw = estimator._replace(in_parts=None).computed(params, prepared)
     number = _number(measure, raw, estimator.finished(raw, prepared), estimator)
     leaves, structure = jax.tree.flatten(inputs)
     flat = [np.asarray(leaf) for leaf in leaves]

@@ -1,23 +1,27 @@
 """Foot trajectories and strides from prepared inputs."""
 
-from functools import partial
-from typing import Any
+from functools import partial, reduce
+from operator import or_
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait import filtering, quality
 from jgait.estimators import noise
 from jgait.estimators.ends import cut_notes, cut_off
 from jgait.estimators.foot_ins import headings
 from jgait.estimators.foot_ins import model as foot_model
+from jgait.estimators.foot_ins import readout as foot_strides
+from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import prepare
-from jgait.estimators.foot_ins.readout import Path, path_of, walked
+from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.foot_ins.sensor import exchanged, lean_notes, moved
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import NO_STEPS
@@ -25,10 +29,10 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.filtering import Belief
-from jgait.geometry.arrays import for_each, xp
+from jgait.geometry.arrays import for_each
 from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import of_estimate
-from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values, as_float
+from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
 
 PER_STRIDE = ("stride_nis",)
 """Diagnostics with an entry for each stride."""
@@ -119,28 +123,16 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         `feet`, `strides` and their standard deviations; `distance` is the distance along the footholds, mean
         of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
-    worn = _worn(inputs)
-    feet, count = stacked(*worn.values()), len(worn)
-    states = compiled(_states, over=(None, 0))(p, feet, options=options)
-    path, ways, valid = for_each(
-        lambda foot, found: _one_foot(p, foot, found, inputs.time, options=options), feet, states
-    )
-    trajectories: list[FootTrajectory | None] = [None, None]
-    deviations: list[FootTrajectory | None] = [None, None]
-    diagnostics: dict[str, Any] = {"stride_nis": path.nis.reshape(-1)}
-    for number, side in enumerate(worn):
-        of_foot, found = jax.tree.map(lambda leaf, k=number: leaf[k], (path, states))
-        trajectories[side], deviations[side] = of_foot.trajectory, of_foot.stddev
-        values = {"log_likelihood": found.log_likelihood, "nis": found.nis, "pitch": of_foot.pitch}
-        diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in values.items()}
-    sides = np.repeat(np.asarray(list(worn), np.int32), path.nis.shape[1])
-    strides, stddev = (
-        jax.tree.map(lambda leaf: leaf.reshape(-1), table)._replace(side=sides)
-        for table in (path.strides, path.strides_stddev)
-    )
-    return Estimate(
-        inputs.time, Legs(None, None), None, xp.sum(ways, axis=0) / count, xp.any(valid, axis=0), diagnostics,
-        strides, Feet(*trajectories), Feet(*deviations), stddev,
+    feet, time = _worn(inputs), inputs.time
+    worn = stacked(*feet.values())
+    states = compiled(_states, over=(None, 0))(p, worn, options=options)
+    every = _paths(p, worn, states, time, options)
+    results = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
+    path = every.path
+    rows = path.nis.shape[1]
+    return _assembled(
+        time, results, np.repeat(np.asarray(list(feet), np.int32), rows),
+        *jax.tree.map(lambda leaf: leaf.reshape(-1), (path.strides, path.strides_stddev, path.nis)),
     )  # fmt: skip
 
 
@@ -173,12 +165,46 @@ def _worn(inputs: FootInputs) -> dict[int, FootSignals]:
     return {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
 
 
+class _Found(NamedTuple):
+    """One foot's path, diagnostics of its filter, distance (T,) [m], and (T,) bool of valid samples."""
+
+    path: Path
+    diagnostics: dict[str, Any]
+    way: Values
+    valid: Flags
+
+
+def _paths(p: FootParams, feet: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions) -> _Found:
+    """The paths of some feet along a first axis."""
+    return for_each(lambda foot, foot_states: _one_foot(p, foot, foot_states, time, options), feet, states)
+
+
 def _one_foot(
-    p: FootParams, foot: FootSignals, states: filtering.Inferred, time: Values, *, options: FootOptions
-) -> tuple[Path, Values, Flags]:
-    """One foot's path, its distance (T,) [m], and (T,) bool of valid samples."""
-    path = path_of(p, foot, time, states, flatten=options.level == "auto")
-    return path, walked(path.strides, foot.count - 1, time), foot.valid & foot.known & states.filtered.valid
+    p: FootParams, foot: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions
+) -> _Found:
+    path = foot_strides.path_of(p, foot, time, states, flatten=options.level == "auto")
+    valid = foot.valid & foot.known & states.filtered.valid
+    way = foot_strides.walked(path.strides, foot.count - 1, time)
+    return _Found(path, {"log_likelihood": states.log_likelihood, "nis": states.nis}, way, valid)
+
+
+def _assembled(
+    time: Values, results: dict[int, _Found], sides: Counts, strides: Strides, deviations: Strides, nis: Values
+) -> Estimate:
+    """The estimate of one or two feet, and of the strides of all of them."""
+    feet: list[FootTrajectory | None] = [None, None]
+    spread: list[FootTrajectory | None] = [None, None]
+    diagnostics: dict[str, Any] = {"stride_nis": nis}
+    for side, (path, foot_diagnostics, _, _) in results.items():
+        feet[side], spread[side] = path.trajectory, path.stddev
+        diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in foot_diagnostics.items()}
+        diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
+    ways = [foot.way for foot in results.values()]
+    valid = reduce(or_, [foot.valid for foot in results.values()])
+    return Estimate(
+        time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics,
+        strides._replace(side=sides), Feet(*feet), Feet(*spread), deviations._replace(side=sides),
+    )  # fmt: skip
 
 
 def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInputs]:
@@ -188,7 +214,7 @@ def estimator(options: FootOptions = DEFAULT) -> Estimator[FootParams, FootInput
     start = FootParams(noise=noise.model_of(options.noise))
     used = {"height_noise": options.level is True, "softness": options.soft, "threshold_factor": options.soft}
     return Estimator(
-        "foot_ins", start, partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE, _finished,
+        "foot_ins", start, partial(prepare, options=options), run, with_body, ABOUT, PER_STRIDE, _finished, _in_windows,
         unused=tuple(name for name, of_use in used.items() if not of_use), likelihood=likelihood, through=True,
     )  # fmt: skip
 
@@ -244,3 +270,29 @@ def _with_distance_stddev(result: Estimate, feet: int) -> Estimate:
     way, total = as_float(result.distance), max(float(result.distance[-1]), 1e-9)
     share = np.hypot(spread.sum() / max(length.sum(), 1e-9), turned / total)
     return result._replace(diagnostics={**result.diagnostics, "distance_stddev": share * way})
+
+
+def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
+    """A long recording in windows, see `foot_ins.windows`; None if it is short or cannot be cut into windows."""
+    if inputs.time.size <= 1.5 * foot_windows.WINDOW or not options.smooth:
+        return None
+
+    def path_of_window(window: FootSignals, time: Values) -> PyTree:
+        feet = stacked(window)
+        states = compiled(_states, over=(None, 0))(p, feet, options=options)
+        foot_paths = _paths(p, feet, states, time, options)
+        return jax.tree.map(lambda leaf: leaf[0], (foot_paths.path, foot_paths.diagnostics["nis"], foot_paths.valid))
+
+    results = {}
+    for side, foot in _worn(inputs).items():
+        cuts = foot_windows.windows(foot, inputs.time.size)
+        if cuts is None:
+            return None
+        path, nis, valid = foot_windows.joined(foot, np.asarray(inputs.time), cuts, path_of_window)
+        way = foot_strides.walked(path.strides, path.strides.length.shape[0], jnp.asarray(inputs.time))
+        results[side] = _Found(path, {"nis": nis}, way, valid)
+    paths = [foot.path for foot in results.values()]
+    sides = np.repeat(np.array(list(results), np.int32), [len(path.nis) for path in paths])
+    strides = [(path.strides, path.strides_stddev, path.nis) for path in paths]
+    together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
+    return _assembled(jnp.asarray(inputs.time), results, sides, *together)

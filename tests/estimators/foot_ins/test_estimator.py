@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from jgait import simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootOptions, FootParams
+from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.stride_flags import marks
 from jgait.geometry.vectors import Vector
 from jgait.types import Imu, Recording, RecordingError
@@ -223,6 +224,27 @@ def test_strides_of_a_shuffling_foot_have_turns_and_angles():
     np.testing.assert_allclose(short.contact_angle, long.contact_angle, atol=0.03)
     assert np.all(long.turn > 0.18)
     assert np.all(long.contact_angle > 0.05)
+
+
+@pytest.mark.release
+def test_a_recording_in_windows_is_that_of_one_run(monkeypatch):
+    made = foot(strides=26, length=1.1, turns=[0.12] * 26, bias=(0.01, -0.01, 0.02), seed=4, stance=0.45)
+    whole = foot_ins.estimate(STILL, made.recording)
+    monkeypatch.setattr(foot_windows, "WINDOW", 1024)
+    monkeypatch.setattr(foot_windows, "OVERLAP", 500)
+    parts = foot_windows.windows(foot_ins.prepared(made.recording).inputs.right, len(whole.time))
+    assert len(parts) > 3
+    assert [part.first for part in parts[1:]] == [part.last for part in parts[:-1]]
+    cut = foot_ins.estimate(STILL, made.recording)
+    np.testing.assert_allclose(cut.strides.length, whole.strides.length, atol=3e-3)
+    np.testing.assert_allclose(cut.strides.start, whole.strides.start, atol=1e-9)
+    np.testing.assert_allclose(cut.strides_stddev.length, whole.strides_stddev.length, rtol=0.05)
+    # what is added up: heading over 26 strides, and the way
+    np.testing.assert_allclose(cut.feet.right.position, whole.feet.right.position, atol=0.1)
+    dots = np.abs(np.sum(cut.feet.right.orientation * whole.feet.right.orientation, axis=1))
+    assert dots.min() > np.cos(0.01)
+    np.testing.assert_allclose(cut.distance, whole.distance, atol=0.02)
+    assert np.all(np.diff(cut.feet_stddev.right.orientation[::300, 2]) > 0.0)
 
 
 def test_rest_is_found_between_scattered_losses(straight):
