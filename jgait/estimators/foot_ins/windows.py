@@ -143,7 +143,7 @@ def _together(results: list[PyTree], parts: list[Window]) -> tuple[Path, float, 
         heading = np.sqrt(np.maximum(of_heading - known, 0.0) + unsure**2)
         spread = path.stddev._replace(orientation=np.column_stack([path.stddev.orientation[:, :2], heading]))
         last = min(end, len(position) - 1)
-        join = (way[last], facing[last], float(heading[last]))
+        join = (np.asarray(way[last]), np.asarray(facing[last]), float(heading[last]))
         low = window.join - window.holds[0]
         high = len(window.holds) - 1 if number + 1 == len(parts) else parts[number + 1].join - window.holds[0]
         by_sample, by_stride = (moved, spread, path.pitch, valid), (path.strides, path.strides_stddev, path.nis)
