@@ -11,7 +11,7 @@ from jgait import plot
 from jgait.duty_cycle.fillers.base import MEASURED
 from jgait.estimators import duty_cycled_gyro
 from jgait.plot.duty import shade_sleep
-from jgait.plot.style import RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, over_time, windowed
+from jgait.plot.style import RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, windowed
 from jgait.types import PLACEMENTS, Estimate, as_float
 
 READ: Style = {"color": "0.8", "linewidth": 4.0}
@@ -83,7 +83,9 @@ def filtered_rates(
             shade_sleep(axes[2 * number + 1, 0], time[kept], asleep)
         axis.set_ylabel(f"{name.replace('_', ', ')}\nrate [rad/s]")
     axes[0, 0].set_xlim(max(span[0], float(time[0])), min(span[1], float(time[-1])))
-    over_time(axes[:, 0])
+    for axis in axes[:, 0]:
+        axis.grid(alpha=0.3)
+    axes[-1, 0].set_xlabel("time [s]")
     legend(figure, title)
     return figure
 

@@ -9,7 +9,7 @@ from experiments.common.recordings import attempt, available, names, walks
 from experiments.common.row import Row, show
 from experiments.common.shanks import legs
 from experiments.foot_ins import feet as real
-from experiments.foot_ins.sensors import closure
+from experiments.foot_ins.closures import closure
 from experiments.silva2017.groups import keys
 from experiments.silva2017.lever import held_out, prepared, references, run, together, total
 from jgait.estimators import foot_ins

@@ -39,7 +39,7 @@ from jgait.filtering.step import (
 type Named = dict[str, Array]
 """Outputs of a scan, or their cotangents, by name."""
 
-type Item = tuple[list[Array], Sample, Named, Named]
+type Scanned = tuple[list[Array], Sample, Named, Named]
 """x, δ and P before a sample, the sample, known outputs, cotangents."""
 
 type Later = tuple[tuple[Array, ...], Named, Named]
@@ -64,21 +64,21 @@ def filter_gradient(
     places = [*constants, *(i - 2 for i in series)]  # without mean and covariance at the start
     before = [jnp.concatenate([a[None], known[n][:-1]]) for a, n in zip(start, ("x", "delta", "cov"), strict=True)]
 
-    def body(carry: tuple[Belief, list[Array]], item: Item) -> tuple[tuple[Belief, list[Array]], list[Array]]:
+    def body(carry: tuple[Belief, list[Array]], item: Scanned) -> tuple[tuple[Belief, list[Array]], list[Array]]:
         back, total = carry
         back, places_ct = _adjoint(linear, places, item, back)
         return (back, [a + b for a, b in zip(total, places_ct, strict=False)]), places_ct[len(constants) :]
 
     zero = jax.tree.map(jnp.zeros_like, start)
     none = [jnp.zeros((*linear.wide[i].shape[:-1], linear.lanes), linear.wide[i].dtype) for i in constants]
-    items: Item = before, samples, {name: known[name] for name in ("G", "z")}, ct
+    items: Scanned = before, samples, {name: known[name] for name in ("G", "z")}, ct
     (first, sums), series_ct = lax.scan(body, (zero, none), items, reverse=True)
     gradients = dict(zip([*constants, *series], [*sums, *series_ct], strict=True))
     gradients |= {count: first[0], count + 1: first[2][: linear.size, : linear.size]}
     return [gradients[i] for i in moving]
 
 
-def _adjoint(linear: Linear, places: list[int], item: Item, back: Belief) -> tuple[Belief, list[Array]]:
+def _adjoint(linear: Linear, places: list[int], item: Scanned, back: Belief) -> tuple[Belief, list[Array]]:
     """Cotangents of (x, δ, P) before a sample, and of the `places` among parameters, observation, control and dt."""
     (before, delta, P), sample, known, ct = item
     every, count = [*linear.wide, sample.measured, *sample.control, sample.dt], len(linear.wide)

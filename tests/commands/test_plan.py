@@ -21,7 +21,7 @@ def test_explain_ranks_assumptions_and_draws_them(walk, tmp_path):
     numbers, figure = tmp_path / "numbers.json", tmp_path / "moves.png"
     code, said = command.run("explain", walk, "--height", "1.75", "--json", numbers, "--figure", figure)
     assert code == 0, said
-    assert "what moves the stride length, by waist" in said and "height of the sensor above ground" in said
+    assert "what moves the stride length, by waist" in said and "height of the sensor" in said
     made = json.loads(numbers.read_text())
     assert made["estimator"] == "waist"
     shares = [row["share"] for row in made["assumptions"]]
