@@ -140,9 +140,10 @@ CHANGE_S, CALM_S, FARTHEST_S = 0.02, 0.12, 0.35
 LEAST_ALIKE, WALKING = 0.3, 0.5
 """[1] Least correlation; share of the mean shaking in walking."""
 
-CLEARER, COARSE_DELAY = (0.05, 0.1), 0.05
-"""[1] Gain of the correlation by a delay in a foot, and between shank and foot: a foot that drags is shaken twice in a
-step; by any delay where a swing has few samples and is as sharp as an impact."""
+CLEARER, CLEARER_FOOT = 0.05, 0.1
+"""[1] Gain of the correlation by a delay in a foot, or between two sensors, and between shank and foot: a foot that
+drags is shaken twice in a step; by any delay where a swing has few samples and is as sharp as an impact. Without it 6
+of 96 simulated legs seem late, with it none; of 288 delays of 0.1 s 216 are found in place of 248."""
 
 IN_SENSOR_S = {"foot": (-0.035, 0.032), "ankle": (-0.05, 0.027), "shank": (-0.05, 0.027), "thigh": (-0.06, 0.05)}
 """[s] Delay of the accelerometer behind the gyroscope (foot −0.025 to 0.02, shank −0.039 to 0.02, thigh −0.04 to

@@ -158,7 +158,7 @@ def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> tuple[Sensor
                 for part in (as_float(imu.gyr)[:longest], as_float(imu.acc)[:longest]))  # fmt: skip
     low, high = at.IN_SENSOR_S[segment]
     low, high = min(low, -1.0 / rate_hz), max(high, 1.0 / rate_hz)  # a delay is known to a sample
-    gain = max(at.CLEARER[0] if segment == "foot" else 0.0, at.COARSE_DELAY if step < 2 else 0.0)
+    gain = at.CLEARER if segment == "foot" or step < 2 else 0.0
     delay, alike = delay_between(gyr, acc, rate_hz, (low, high), gain)
     usual = low - 0.5 / rate_hz <= delay <= high + 0.5 / rate_hz
     if usual or alike <= at.LEAST_ALIKE:
@@ -175,15 +175,15 @@ def late_behind(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: flo
     pair = upper.partition("_")[0], lower.partition("_")[0]
     coarse = max(round(at.CHANGE_S * rate_hz), 1) < 2
     farthest = (int(at.BETWEEN_S[pair] * rate_hz) + 1) / rate_hz if coarse else at.BETWEEN_S[pair]
-    gain = max(at.CLEARER[1] if pair[1] == "foot" else 0.0, at.COARSE_DELAY if coarse else 0.0)
+    gain = at.CLEARER_FOOT if pair[1] == "foot" else at.CLEARER
     shaken = np.convolve(first, np.ones(round(rate_hz)) / round(rate_hz), "same")
     walks = np.flatnonzero(shaken > at.WALKING * first.mean())
     third = (walks[-1] + 1 - walks[0]) // 3 if walks.size else 0
-    cuts = [(slice(None), gain)]
+    cuts = [slice(None)]
     if 3 * third > at.DRIFTED_S * rate_hz:
-        cuts.append((slice(walks[-1] + 1 - third, walks[-1] + 1), max(gain, at.COARSE_DELAY)))
-    for cut, least in cuts:
-        delay, alike = delay_between(first[cut], second[cut], rate_hz, (-farthest, farthest), least)
+        cuts.append(slice(walks[-1] + 1 - third, walks[-1] + 1))
+    for cut in cuts:
+        delay, alike = delay_between(first[cut], second[cut], rate_hz, (-farthest, farthest), gain)
         if abs(delay) > farthest and alike > at.LEAST_ALIKE:
             return delay
     return 0.0
