@@ -172,9 +172,9 @@ def not_held_out(
     if file is None or not first.get("cohort"):
         return ()
     judged: Any = first.get("held_out")
-    own, others, every = set(first.get("data", {}).values()), "", (first, *before)
+    judged_on, others, every = set(first.get("data", {}).values()), "", (first, *before)
     earlier = {content for tuning in before for content in tuning["data"].values()}
-    if judged and not own & earlier:
+    if judged and not judged_on & earlier:
         others = (
             f"; with {first.get('left_out', 'people')} left out in turn, the median {judged['error']} was "
             f"{judged['before']:.3g} {judged['unit']} before and {judged['after']:.3g} {judged['unit']} after"
@@ -183,7 +183,7 @@ def not_held_out(
     made = {"file": Path(file).name, "cohort": cohort, "others": others}
     if versions is None or "subjects" not in first:
         return (NOT_HELD_OUT(which="errors on people of that cohort are", **made),)
-    used = {recording for recording, content in versions.items() if content in own | earlier}
+    used = {recording for recording, content in versions.items() if content in judged_on | earlier}
     unused = [who for recording, who in (subjects or {}).items() if recording in versions.keys() - used]
     known = sorted({who for tuning in every for who in tuning["subjects"]})
     names = people([*known, *unused])

@@ -59,10 +59,10 @@ def loss_of(pipeline: Estimator[PyTree, PyTree], walks: Sequence[Walk]) -> str:
     """The first of `PREFERRED` that the references of at least half of the walks answer; exits with code 2 if none."""
     answers = _answers(pipeline)
     enough = (2 * sum(not lacking(name, walk.reference) for walk in walks) >= max(1, len(walks)) for name in answers)
-    found = next(itertools.compress(answers, enough), None)
-    if found is None:
+    answer = next(itertools.compress(answers, enough), None)
+    if answer is None:
         stop(f"a preset of {pipeline.name} needs references, for one of {', '.join(answers)}")
-    return found
+    return answer
 
 
 def _answers(pipeline: Estimator[PyTree, PyTree]) -> list[str]:

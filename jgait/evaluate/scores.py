@@ -246,8 +246,8 @@ def _matches(ours: Strides, theirs: Strides) -> np.ndarray:
     """For each stride of `theirs`, the index of the matching stride of `ours`, −1 for none."""
     if not ours.side.size:
         return np.full(theirs.side.size, -1)
-    row, found = matched(ours, theirs)
-    return np.where(found, row, -1)
+    row, paired = matched(ours, theirs)
+    return np.where(paired, row, -1)
 
 
 def _ordered(strides: Strides, like: Strides | None = None) -> Strides:

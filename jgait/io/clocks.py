@@ -109,8 +109,8 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
             notes.append(AS_READ.note(ends, placement=where))
         check_inserted(length, len(packets), f"{name}, {where}")
         spread = np.full((2, length, 3), np.nan)
-        for values, own in zip(spread, (part.gyr, part.acc), strict=True):
-            values[packets[kept] - begin] = np.nan if own is None else np.asarray(own, np.float64)[kept]
+        for values, measured in zip(spread, (part.gyr, part.acc), strict=True):
+            values[packets[kept] - begin] = np.nan if measured is None else np.asarray(measured, np.float64)[kept]
         acc = None if part.acc is None else spread[1]
         placed[where] = part._replace(gyr=spread[0], acc=acc, time=None, packets=None)
     return placed

@@ -236,7 +236,7 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
     near = {column: difflib.get_close_matches(column.strip().lower(), likely, 1, ALMOST) for column in unknown}
     looks = [f"{column!r} looks like {likely[meant[0]]!r}" for column, meant in near.items() if meant][:3]
     hint = f"; {', '.join(looks)}: correct the header of the file" if looks else ""
-    sensors = [found[0] for column in unknown if (found := sensor_of(column))]
+    sensors = [parts[0] for column in unknown if (parts := sensor_of(column))]
     if lacking:
         rest = f"; columns not recognised: {_few([c for c in unknown if sensor_of(c)] or unknown)}" if unknown else ""
         expected = [f"{lacking[0][:-1]}{axis}" for axis in "xyz"]

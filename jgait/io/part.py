@@ -51,6 +51,7 @@ class Measured(NamedTuple):
     #: (T,) distance of the left ankle from the right leg at the samples of the sensors, which must be on one clock, NaN
     #: where nothing was measured; or None. Its unit, one of `jgait.io.checks.sizes.RANGE_UNITS`, is told.
     feet_range: np.ndarray | None = None
+    unread: tuple[str, ...] = ()  #: columns that are not of sensors.
 
 
 def joined(every: Sequence[Measured], name: str | None = None) -> Measured:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -93,7 +93,7 @@ def recording_from_dataframe(
     units_of = [kind for kind, unit in given.items() if unit is None]
     content = measured_table(table, placement=placement, units_of=units_of, time_unit=time_unit, name=name)
     if sampling_rate_hz is None and all(part.time is None and part.packets is None for part in content.parts):
-        left_out = [text for note in content.notes for text in cast(tuple[str, ...], note.values.get("columns", ()))]
+        left_out = content.unread
         rest = f"; columns that are not of sensors: {', '.join(left_out)}" if left_out else ""
         index = table.index
         if index.name is None and index.dtype.kind == "f" and index.is_monotonic_increasing:
@@ -193,7 +193,7 @@ def measured_table(
              acc_unit=units[where].get("acc"), packets=packets, units_by="header", begin_s=begin_s)
         for where, signals in sensors.items()
     ]  # fmt: skip
-    return Measured(parts, name, notes=(*notes, *_about(matched, others)), feet_range=feet_range)
+    return Measured(parts, name, notes=(*notes, *_about(matched, others)), feet_range=feet_range, unread=tuple(others))
 
 
 def _check_wide(table: "pd.DataFrame", given: list[str], name: str) -> None:

@@ -58,8 +58,8 @@ def of_analysis(
         f"Sources: {used}. Medians over whole strides, ± one standard deviation of the error of a stride or of the "
         "distance; the combined value is from sources that are not in doubt, weighted by their variances if they agree."
     )
-    said = Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)
-    more = [*more, Section("What each sensor says", "", [said])]
+    table = Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)
+    more = [*more, Section("What each sensor says", "", [table])]
     if len(tables["bouts"]):
         shown = [COLUMNS[name] for name in BOUTS]
         rows = [

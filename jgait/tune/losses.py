@@ -152,7 +152,7 @@ def stride(estimate: Estimate, reference: Estimate, field: str, empty: float = 0
         return mean_squared(after - before, theirs.length, jax.lax.stop_gradient(far), empty)
     if ours is None:
         raise ValueError(f"the estimate has no strides, so no {field} of strides to compare")
-    row, found = matched(ours, theirs)
+    row, paired = matched(ours, theirs)
     if field == "duration":
         standing = theirs.start is None
         values, true = _duration(ours, standing), _duration(theirs, standing)
@@ -162,7 +162,7 @@ def stride(estimate: Estimate, reference: Estimate, field: str, empty: float = 0
                 raise ValueError(f"the strides of the {name} have no {field}")
         values, true = jnp.asarray(getattr(ours, field)), jnp.asarray(getattr(theirs, field))
     values = values[row]
-    return mean_squared(values, true, _finite(true, _finite(values, found)), empty)
+    return mean_squared(values, true, _finite(true, _finite(values, paired)), empty)
 
 
 def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -> Float[Array, ""]:
@@ -176,12 +176,12 @@ def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -
     for name, strides in (("estimate", ours), ("reference", theirs)):
         if strides is None or strides.end is None:
             raise ValueError(f"the {name} has no contacts to compare")
-    row, found = matched(ours, theirs)
+    row, paired = matched(ours, theirs)
     fields = [f for f in ("end", "final_contact") if getattr(ours, f) is not None and getattr(theirs, f) is not None]
     terms = []
     for field in fields:
         values, true = jnp.asarray(getattr(ours, field))[row], jnp.asarray(getattr(theirs, field))
-        terms.append(mean_squared(values, true, _finite(true, _finite(values, found)), empty))
+        terms.append(mean_squared(values, true, _finite(true, _finite(values, paired)), empty))
     return jax.tree.reduce(jnp.add, terms) / len(terms)
 
 
@@ -216,9 +216,9 @@ def calibration(
     """
     terms = []
     if reference.strides is not None and estimate.strides_stddev is not None and estimate.strides is not None:
-        row, found = matched(estimate.strides, reference.strides)
+        row, paired = matched(estimate.strides, reference.strides)
         values, spread = (jnp.asarray(strides.length)[row] for strides in (estimate.strides, estimate.strides_stddev))
-        terms.append(_normal(values, reference.strides.length, spread, found, _CENTIMETRE))
+        terms.append(_normal(values, reference.strides.length, spread, paired, _CENTIMETRE))
     if estimate.stddev is not None:
         look = _window(estimate, reference, window)
         still = None if relative_to is None else _window(estimate, reference, relative_to)

@@ -18,7 +18,7 @@ SIDES_UNLIKE = Kind(
     "deviations of stride lengths and of the distance contain half of the difference. Do not read it as asymmetry.",
 )  # fmt: skip
 
-ALIKE, UNLIKE = 0.05, 0.1
+SIDES_ALIKE, UNLIKE = 0.05, 0.1
 """[1] Difference of the stride lengths of both sides over their mean up to which sensors that turn differently are not
 wrong, as on a stiff leg; and above which one side is wrong. Chosen: between walks of `tripod`, `gaitmap_example`,
 `ipol_gait` and `walking5m`, and simulated hemiparetic walks with shanks whose distance is off by more than three stated
@@ -57,7 +57,7 @@ def apart(lengths: np.ndarray) -> float:
 
 def alike(sources: Sequence[SourceEstimate], placements: frozenset[str]) -> bool:
     """Whether a source with these two sensors measures strides of the same length on both sides."""
-    return any(apart(pairs(source)) < ALIKE for source in sources if placements.issubset(source.placements))
+    return any(apart(pairs(source)) < SIDES_ALIKE for source in sources if placements.issubset(source.placements))
 
 
 def with_sides_unlike(

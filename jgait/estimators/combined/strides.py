@@ -138,14 +138,14 @@ def _trusted(source: SourceEstimate, side: str, doubtful: frozenset[str]) -> boo
 
 def _matched(columns: list[_Columns], side: int, wrong: frozenset[str]) -> list[dict[str, int]]:
     """The strides of a side, each with its row in every source that measures it."""
-    found: list[tuple[float, float, dict[str, int]]] = []
+    groups: list[tuple[float, float, dict[str, int]]] = []
     alone = not any(each.timed[side] for each in columns)
     # doubtful sources come last, so that their times and strides count only where no other source has any
     for source, _, _, flags, _, timed in sorted(columns, key=lambda each: not each.timed[side]):
-        new = timed[side] or alone or not found
+        new = timed[side] or alone or not groups
         if not new and not _trusted(source, SIDES[side], wrong):
             continue
-        strides, before = source.estimate.strides, list(found)
+        strides, before = source.estimate.strides, list(groups)
         known = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
         if before and SIDE_UNKNOWN.name in flags:
             known &= ~flags[SIDE_UNKNOWN.name]
@@ -160,8 +160,8 @@ def _matched(columns: list[_Columns], side: int, wrong: frozenset[str]) -> list[
             if best >= 0 and alike[best] > SAME and source.name not in before[best][2]:
                 before[best][2][source.name] = row
             elif new and (not alike or max(shared) < ALONE * (end - start)):
-                found.append((start, end, {source.name: row}))
-    return [group for *_, group in found]
+                groups.append((start, end, {source.name: row}))
+    return [group for *_, group in groups]
 
 
 class _JoinedStride(NamedTuple):

@@ -124,9 +124,9 @@ def thigh_transition_noise(params: LinkParams, state: ThighState, control: DutyC
 
 def shin_transition_noise(params: LinkParams, state: ShinState, control: DutyControl, dt: Values) -> Covariance:
     """Q of the shin: 11 × 11, with a block for each angle."""
-    own = thigh_transition_noise(params, state.shin, control, dt)
+    shin = thigh_transition_noise(params, state.shin, control, dt)
     entries = _white_acceleration(params.angle_noise, "thigh_angle", "thigh_rate", dt)
-    return Covariance.of(own.entries(), Layout.of(ShinState(*state))).with_entries(entries)
+    return Covariance.of(shin.entries(), Layout.of(ShinState(*state))).with_entries(entries)
 
 
 def _read(params: LinkParams, state: ThighState, joint: tuple[Values, Values, Values, Values]) -> ThighObservation:

@@ -1,16 +1,9 @@
 """Kinds of notes of `duty_cycled_gyro` about a recording."""
 
-from jgait.notes import NO_GRAVITY, UNSURE_FORWARD, Kind
+from jgait.notes import UNSURE_FORWARD, Kind
 
 WORN_ALONE = Kind(
     "worn_alone", "check", "{placement} is worn alone: which way is forward is computed from its swing", UNSURE_FORWARD
-)
-
-ACCELEROMETER_ABSENT = Kind(
-    "accelerometer_absent",
-    "check",
-    "no accelerometer on every segment: angles come from the gyroscopes alone and drift",
-    NO_GRAVITY,
 )
 
 RATE_HELD = Kind(

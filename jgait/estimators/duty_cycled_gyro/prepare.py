@@ -12,11 +12,11 @@ from jgait.duty_cycle.fillers.base import RATES
 from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, acc_received, check_filler, gyroscope_masks
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
-from jgait.estimators.duty_cycled_gyro.notes import ACCELEROMETER_ABSENT, WORN_ALONE
+from jgait.estimators.duty_cycled_gyro.notes import WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, SegmentMounting, in_segment, mounted
-from jgait.estimators.notes import NO_FIRST_STANDING
+from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import LEGS_RATE, legs_at_rest
 from jgait.mounting.leg import SHORTEST_S, WornLegs, measured, worn_legs
 from jgait.signal.windows import true_runs
@@ -176,7 +176,7 @@ def prepare(
         if list(mountings) == ["thigh"]:
             notes.append(WORN_ALONE(placement=mountings["thigh"].placement))
     if bare:
-        notes.append(ACCELEROMETER_ABSENT())
+        notes.append(NO_ACCELEROMETER())
     if not still[0]:
         notes.append(NO_FIRST_STANDING())
     dt = np.concatenate([[0.0], np.diff(time)])

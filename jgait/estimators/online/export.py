@@ -126,8 +126,8 @@ def exported(device: Device, sampling_rate_hz: float) -> ExportedStep:
 
     def step(constants: PyTree, state: PyTree, sample: PyTree) -> tuple[PyTree, PyTree]:
         block = jax.tree.map(lambda leaf: leaf[None], readings(sample))
-        own, before = jax.tree.unflatten(structure, constants), jax.tree.unflatten(states, state)
-        after, results = device.advance(own, before, block, np.int32(1), device.options)
+        known, before = jax.tree.unflatten(structure, constants), jax.tree.unflatten(states, state)
+        after, results = device.advance(known, before, block, np.int32(1), device.options)
         kept = [jnp.asarray(new, old.dtype) for new, old in zip(jax.tree.leaves(after), state, strict=True)]
         return kept, jax.tree.map(lambda leaf: leaf[0], _named(results))
 

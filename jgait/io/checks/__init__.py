@@ -82,7 +82,7 @@ def contradictions(
     sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
     slow = {
         placement: note
-        for one in (recording, whole or recording) for placement, imu in one.sensors.items()
+        for each in (recording, whole or recording) for placement, imu in each.sensors.items()
         if (note := slow_gyroscope(placement, imu, rate_hz, (units or {}).get(placement)))
     }  # fmt: skip
     # a gyroscope that hardly turns contradicts every other sensor: its note explains that

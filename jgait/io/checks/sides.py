@@ -116,11 +116,11 @@ def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[
         return []
     if (first in accused) != (second in accused):
         return [((first,), _apart(first, turn, ratio, second))]
-    one = (
+    text = (
         "{placement} and {other}: in a turn by {degrees:.0f}° one turns {ratio:.2f} times as far as the other; a sign, "
         "the order of axes, the unit or the scale is wrong in one of the two"
     )
-    note = CONTRADICTS.note(one, placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio)
+    note = CONTRADICTS.note(text, placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio)
     return [((first, second), note)]
 
 

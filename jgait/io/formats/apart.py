@@ -127,8 +127,8 @@ def _devices(folder: Path) -> list[list[Path]]:
     for file in signal_of:
         groups.setdefault(_key(file), []).append(file)
     whole = [files for files in groups.values() if {"gyr"} < {signal_of[file] for file in files}]
-    one = list(signal_of.values()).count("gyr") == 1 and len(signal_of) > 1
-    return [list(signal_of)] if one and not whole else whole
+    single = list(signal_of.values()).count("gyr") == 1 and len(signal_of) > 1
+    return [list(signal_of)] if single and not whole else whole
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -199,8 +199,8 @@ def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:
         why = "the signs of the accelerometer are turned round, for the phone's system is iOS"
         notes.append(AS_READ.note(f"{label}: {why}"))
     since = (acc.begin_s or 0.0) - (gyr.begin_s or 0.0)
-    own = None if acc.file == gyr.file or acc.time is None else acc.time + since
-    return part._replace(acc=-acc.values if turned else acc.values, acc_unit=acc.unit, acc_time=own)
+    acc_time = None if acc.file == gyr.file or acc.time is None else acc.time + since
+    return part._replace(acc=-acc.values if turned else acc.values, acc_unit=acc.unit, acc_time=acc_time)
 
 
 def _accelerometer(of: dict[str, list[Signal]], label: str, notes: list[Note]) -> Signal | None:

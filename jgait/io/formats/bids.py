@@ -127,8 +127,8 @@ def _channels(path: Path, stem: str) -> "pd.DataFrame":
         raise RecordingError(f"{path.name} needs {stem}_channels.tsv, which states what its columns are; there is none")
     table = _table(file, dtype=str).fillna("").rename(columns=str.strip)
     if lacking := [column for column in NEEDED if column not in table.columns]:
-        expected, found = ", ".join(NEEDED), ", ".join(table.columns)
-        raise RecordingError(f"{file.name} lacks {', '.join(lacking)}; expected {expected}, found {found}")
+        expected, given = ", ".join(NEEDED), ", ".join(table.columns)
+        raise RecordingError(f"{file.name} lacks {', '.join(lacking)}; expected {expected}, found {given}")
     table = table.apply(lambda column: column.str.strip())
     if "tracked_point" not in table:
         table["tracked_point"] = path.name

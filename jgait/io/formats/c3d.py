@@ -349,9 +349,9 @@ def told_up(markers: Mapping[str, np.ndarray], stated: str = "") -> tuple[str | 
         The axis, or None where neither shows it; why; and whether the markers overrule the file: nobody walks on the
         head, or below the floor.
     """
-    seen = {label: place[np.isfinite(place).all(axis=1)] for label, place in markers.items()}
-    seen = {label: place for label, place in seen.items() if len(place)}
-    trunk, feet = ([np.median(place, axis=0) for label, place in seen.items() if words.match(label)]
+    visible = {label: place[np.isfinite(place).all(axis=1)] for label, place in markers.items()}
+    visible = {label: place for label, place in visible.items() if len(place)}
+    trunk, feet = ([np.median(place, axis=0) for label, place in visible.items() if words.match(label)]
                    for words in (HIGH, LOW))  # fmt: skip
     if trunk and feet:
         way = np.mean(trunk, axis=0) - np.mean(feet, axis=0)
@@ -359,9 +359,9 @@ def told_up(markers: Mapping[str, np.ndarray], stated: str = "") -> tuple[str | 
         sure = abs(way[axis]) >= SURE * np.linalg.norm(way)
         up = f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}"
         return (up, "the trunk's markers are above the feet's there", True) if sure else (None, "", False)
-    if not seen:
+    if not visible:
         return None, "", False
-    low, high = np.percentile(np.concatenate(list(seen.values())), [1.0, 99.0], axis=0)
+    low, high = np.percentile(np.concatenate(list(visible.values())), [1.0, 99.0], axis=0)
     ends = [(f"{sign}{'xyz'[axis]}", *each) for axis in range(3)
             for sign, each in (("+", (low[axis], high[axis])), ("-", (-high[axis], -low[axis])))]  # fmt: skip
     fits = [axis for axis, least, most in ends if abs(least) < FLOOR and 2.0 * FLOOR < most < APART["m"][1]]

@@ -50,8 +50,8 @@ def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]
     for signal, names in (("gyroscope", ("Gyro",)), ("accelerometer", ACCELEROMETERS)):
         variants = set[str]().union(*(kinds.get(name, ()) for name in names))
         if variants and "CAL" not in variants:
-            found = f"(found {', '.join(sorted(variants))}, expected CAL): export calibrated data"
-            raise RecordingError(f"{rows.path.name}: the {signal} of {device} is not calibrated {found}")
+            variant = f"(found {', '.join(sorted(variants))}, expected CAL): export calibrated data"
+            raise RecordingError(f"{rows.path.name}: the {signal} of {device} is not calibrated {variant}")
     time = _time(rows, device)
     timed = np.isfinite(time) if time is not None else np.ones(len(rows.cells), bool)
     gyr, gyr_unit = rows.signal(_columns(device, "Gyro"))

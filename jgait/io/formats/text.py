@@ -134,10 +134,10 @@ class TextFormat(NamedTuple):
         """
         check_file(path, self.expected)
         lines, encoding = first_lines(path)
-        if (found := self.header(lines)) is None:
+        if (header := self.header(lines)) is None:
             begins = next((line for line in lines if line.strip()), "").strip()[:80]
             raise RecordingError(f"{path.name} has no such header: expected {self.expected}; it begins with {begins!r}")
-        row, separator = found
+        row, separator = header
         names, last = _whole_header(lines, row, separator)
         check_columns(names, path.name)
         head = head_of(lines, encoding, row, separator, last)._replace(names=names)
