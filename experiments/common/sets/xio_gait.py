@@ -43,7 +43,8 @@ def names() -> list[str]:
 def load_one(name: str) -> Walk:
     """One walk."""
     path, known = registry.file("xio_gait", f"{name}.csv")
-    (part,), _, _, repeated, _ = xio.measured(path)
+    content = xio.measured(path)
+    (part,), repeated = content.parts, content.notes
     if part.time is None or part.acc is None:
         raise RecordingError(f"{path.name} has no time; expected a column Time (s)")
     imu, rate_hz = foot_imu(path.name, part.time, np.deg2rad(part.gyr), part.acc * GRAVITY)
