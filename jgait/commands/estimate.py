@@ -22,11 +22,11 @@ from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.recordings import Item
 from jgait.estimators import programs
-from jgait.evaluate.dask import DIED, on_dask
 from jgait.io.atomic import write_text
 from jgait.notes import of_recordings
 from jgait.report.flags import DOUBTS, verdict
 from jgait.report.page import GRADES, Flag
+from jgait.tune.dask import DIED, on_dask
 from jgait.types import Recording, reason_of
 
 if TYPE_CHECKING:

@@ -170,8 +170,8 @@ def _show(table: pd.DataFrame, measure: str, within: float | None, people: int) 
     alike = [row["name"] for row in others if row["expected"] - best["expected"]
              < 2.0 * math.hypot(row["expected_sd"], best["expected_sd"])]  # fmt: skip
     if alike:
-        many = f"{best['walks']} people do" if best["walks"] > 1 else "one walk does"
-        say(f"{many} not tell apart from {best['name']}: {'; '.join(alike)}")
+        many = f"{best['walks']} people" if best["walks"] > 1 else "one walk"
+        say(f"with {many} it cannot be said which is better, {best['name']}, or: {'; '.join(alike)}")
     if within is not None:
         enough = table[(table["walks"] > 0) & (table["expected"] <= within)]["name"]
         say(f"within {factor * within:g} {unit}: " + ("; ".join(enough) or "no set-up"))

@@ -33,6 +33,9 @@ STRIDES_MISSING = Kind(
     "small by them. The distance of all sensors together counts what is walked there.",
 )
 
+SCALE_NOTED = 0.01
+"""[1] Least difference of an accelerometer at rest from gravity that is noted; chosen."""
+
 SCALE_CORRECTED = Kind(
     "accelerometer_scale",
     "corrected",

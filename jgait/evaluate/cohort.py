@@ -14,10 +14,10 @@ from jaxtyping import PyTree
 from jgait.estimators.interface import Estimator
 from jgait.evaluate import scores
 from jgait.evaluate.buckets import CohortJob, Failed, checked_mesh, evaluated, tables
-from jgait.evaluate.dask import DIED, on_dask
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, joined
 from jgait.params import check_params
+from jgait.tune.dask import DIED, on_dask
 from jgait.types import Estimate, Recording, Walk
 from jgait.version import __version__
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
-from jgait.notes import FEW_RESTS, SCALE, Kind, Note
+from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.signal.windows import held_mean, held_spread, true_runs, window_maximum, window_size, window_sum
 from jgait.types import AnyArray, Imu, as_float
 
@@ -78,12 +78,6 @@ NEVER_STILL = Kind(
     "check",
     "nobody stands still for {seconds:g} s: the gyroscope is taken as it reads, and tilt is less certain",
     FEW_RESTS,
-)
-TRUNK_SCALE = Kind(
-    "trunk_accelerometer_scale",
-    "corrected",
-    "the accelerometer at the trunk reads {percent:+.1f} % of gravity at rest; corrected",
-    SCALE,
 )
 
 
@@ -214,10 +208,7 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     scale = 1.0
     if runs:
         a, b = max(runs, key=lambda run: run[1] - run[0])
-        gravity_ratio = float(np.linalg.norm(acc[a:b].mean(axis=0))) / GRAVITY
-        scale = 1.0 / gravity_ratio
-        if abs(gravity_ratio - 1.0) > 0.01:
-            notes.append(TRUNK_SCALE(percent=100.0 * (gravity_ratio - 1.0)))
+        scale = GRAVITY / float(np.linalg.norm(acc[a:b].mean(axis=0)))
     early = next(((a, b) for a, b in runs if a < rate), None)
     first = acc[early[0] : early[1]].mean(axis=0) if early else np.array([0.0, 0.0, 1.0])
     return TrunkRest(still, bias, scale, seconds if early else 0.0, first / np.linalg.norm(first), tuple(notes))

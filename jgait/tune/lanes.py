@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +15,7 @@ from jaxtyping import Bool, Float, PyTree
 
 from jgait.filtering.compile import compiler_options
 from jgait.tune import checkpoint
+from jgait.tune.dask import DIED, on_dask
 from jgait.tune.descent import Carry, Settings, Trace, first, runner
 from jgait.tune.problem import Context, Problem, kept
 from jgait.types import AnyArray
@@ -137,10 +137,8 @@ def descend_apart(
         return None
     there = [] if file is None else [*file.parent.glob(f"{file.stem}-1-of-*{file.suffix}")]
     if client is not None:
-        of = min(lanes, max(1, len(client.nthreads())))
-        pieces = [piece(number, of) for number in range(1, of + 1)]
-        work = partial(_in_precision, bool(jax.config.jax_enable_x64), partial(run, report=None, file=None))
-        parts = client.gather(client.map(work, *zip(*pieces, strict=True), pure=False))
+        of = lanes
+        parts = _there(run, [piece(number, of) for number in range(1, of + 1)], client)
     elif there:
         of = int(there[0].stem.rpartition("-")[2])
         parts = [run(*piece(k, of), report=report, file=file_of(k, of)) for k in range(1, min(lanes, of) + 1)]
@@ -155,9 +153,21 @@ def descend_apart(
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[order], *filled)
 
 
-def _in_precision(wide: bool, run: Callable[..., tuple[Carry, Trace]], *piece: PyTree) -> tuple[Carry, Trace]:
-    with jax.enable_x64(wide):
-        return run(*piece)
+def _there(
+    run: Callable[..., tuple[Carry, Trace]], fits: list[tuple[PyTree, PyTree]], client: "Client"
+) -> list[tuple[Carry, Trace]]:
+    """`run` of each fit on the workers of a cluster; raises RuntimeError for a fit whose workers die repeatedly."""
+
+    def of_one(group: tuple[tuple[int, tuple[PyTree, PyTree]], ...]) -> tuple[Carry, Trace]:
+        ((_, fit),) = group
+        return run(*fit, report=None, file=None)
+
+    done: dict[int, tuple[Carry, Trace]] = {}
+    for ((number, _),), result in on_dask(of_one, enumerate(fits), client):
+        if result is None:
+            raise RuntimeError(f"fit {number + 1} of {len(fits)} has no result: {DIED}")
+        done[number] = result
+    return [done[number] for number in range(len(fits))]
 
 
 @kept

@@ -21,6 +21,7 @@ from jgait.estimators.notes import (
     LONGEST_LOSS,
     RATES_OFF,
     SCALE_CORRECTED,
+    SCALE_NOTED,
     STRIDES_MISSING,
     STRIDES_UNCERTAIN,
 )
@@ -246,7 +247,7 @@ def errors_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> tuple[float, 
         )
     if abs(off) > FAR_OFF:
         notes.append(ACCELEROMETER_OFF(placement=name, percent=100.0 * off, when=when))
-    elif abs(off) > 0.01:
+    elif abs(off) > SCALE_NOTED:
         notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off, when=when))
     share = SCALE_SPREAD**2 / (SCALE_SPREAD**2 + (BIAS_SPREAD / GRAVITY) ** 2)
     scale = 1.0 / (1.0 + share * off)

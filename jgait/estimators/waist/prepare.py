@@ -9,7 +9,14 @@ import numpy as np
 from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
 from jgait.estimators.interface import Prepared, pad
 from jgait.estimators.losses import longest_loss
-from jgait.estimators.notes import LONGEST_LOSS, NO_STEPS, STRIDES_MISSING, STRIDES_UNCERTAIN
+from jgait.estimators.notes import (
+    LONGEST_LOSS,
+    NO_STEPS,
+    SCALE_CORRECTED,
+    SCALE_NOTED,
+    STRIDES_MISSING,
+    STRIDES_UNCERTAIN,
+)
 from jgait.estimators.programs import bucket
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
@@ -147,6 +154,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         )  # fmt: skip
     whole, rested, motion, by_gravity = _motion(whole, axes, time, mask, rate, name, notes, one_pose)
     notes += rested.notes
+    if abs(off := 1.0 / rested.scale - 1.0) > SCALE_NOTED:
+        notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off, when="at rest"))
     contacts = _contacts(motion, mask, rate, options)
     if by_gravity:
         contacts = contacts._replace(certainty=np.zeros_like(contacts.certainty))
