@@ -22,7 +22,7 @@ from jgait.estimators.walking import inside, walking_alone
 from jgait.geometry.arrays import on_host
 from jgait.notes import Note, record
 from jgait.params import check_params, ranges
-from jgait.quality import SensorQuality, merged
+from jgait.quality import SensorQuality, merged, with_time_spread
 from jgait.types import Estimate, Measures, Recording, Values, as_float, check_kind, check_recording
 
 
@@ -237,6 +237,7 @@ class Estimator[P, I](NamedTuple):
         result = result._replace(diagnostics={**result.diagnostics, **facts})
         result = result if self.finish is None else self.finish(result, prepared)
         result = result._replace(valid=result.valid & ~inside(as_float(result.time), prepared.moves))
+        result = with_time_spread(result, prepared.quality)
         notes = (*result.diagnostics["notes"], *implausible(result))
         return result._replace(diagnostics={**result.diagnostics, "notes": notes})
 

@@ -10,7 +10,7 @@ from jgait.estimators.walking import walking_alone
 from jgait.io.checks import contradictions, quality_notes
 from jgait.io.checks.readings import RANGE_LOST, without_damage, without_repeats
 from jgait.io.checks.sizes import COUNTS_GIVEN, RANGE_UNITS, are_counts, check_range, usable_sensors
-from jgait.io.clock import SampleTimes, make_clock
+from jgait.io.clock import SampleTimes, by_stated_rate, count_samples, make_clock
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
 from jgait.notes import AS_READ, DATA_LOST, Note
 from jgait.quality import SensorQuality, merged
@@ -63,10 +63,11 @@ def recording_from_arrays(
             expected and the given values.
     """
     units = {placement: {"gyr": Unit(gyr_unit), "acc": Unit(acc_unit)} for placement in sensors}
-    return recording_in_units(
+    recording = recording_in_units(
         sensors, units, time=time, feet_range=feet_range, sampling_rate_hz=sampling_rate_hz, time_unit=time_unit,
         range_unit=range_unit, name=name, subject=subject,
     )  # fmt: skip
+    return by_stated_rate(recording) if time is None or (not time_unit and count_samples(as_float(time))) else recording
 
 
 def recording_in_units(

@@ -7,8 +7,9 @@ import numpy.typing as npt
 
 from jgait.estimators.checks import FEWEST_SAMPLES
 from jgait.io.dates import date_of
-from jgait.notes import DATA_LOST, DEDUCED, Kind, Note
-from jgait.types import RecordingError, as_float
+from jgait.notes import AS_READ, DATA_LOST, DEDUCED, Kind, Note
+from jgait.quality import SensorQuality, merged
+from jgait.types import Recording, RecordingError, as_float
 
 LONGEST_STEP_S = 0.11
 """[s] Longest sample time, of 10 Hz by a clock that is a little off. Longer ones show no strides; methods need less."""
@@ -149,6 +150,23 @@ def check_inserted(samples: int, rows: int, name: str) -> None:
 def time_unit_deduced(unit: str, time: np.ndarray) -> Note:
     """The note that the steps of `time` (T,) decided its unit."""
     return DEDUCED.note(f"time taken to be in {unit}, because its steps are {np.median(np.diff(time)):.4g}")
+
+
+TIME_SPREAD = 0.01
+"""[1] Relative deviation of the interval between samples by a rate that a user states: sensors of this kind sample by
+oscillators of their own, with a tolerance of 1 % by the data sheets (MPU-6050: ±1 %)."""
+
+
+def by_stated_rate(recording: Recording) -> Recording:
+    """The recording of a file without time stamps, whose rate only its user states: a fact, and a note on it."""
+    facts = dict.fromkeys(recording.sensors, SensorQuality(time_spread=TIME_SPREAD))
+    note = AS_READ.note(
+        "there are no time stamps: times follow from the stated sampling rate of {rate_hz:.5g} Hz, which is taken to "
+        "be right within {spread:.0%}; if it is off by 1 %, times are off by 1 %, and lengths and distances by 2 %",
+        rate_hz=recording.sampling_rate_hz, spread=TIME_SPREAD,
+    )  # fmt: skip
+    quality = merged(recording.quality, facts)
+    return recording._replace(quality=quality, notes=(*recording.notes, note))
 
 
 def count_samples(stamps: np.ndarray) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from jgait.io.arrays import recording_in_units
 from jgait.io.checks.readings import placeholders_in
 from jgait.io.checks.sizes import BY_SIZE, NO_GRAVITY, are_counts, counts_without_unit, measures_gravity
-from jgait.io.clock import date_note
+from jgait.io.clock import by_stated_rate, date_note
 from jgait.io.clocks import on_one_counter, one_clock
 from jgait.io.names import placement_of
 from jgait.io.part import Measured, Part
@@ -77,6 +77,8 @@ def settle(
         time_unit=None if time is None else "s", name=called,
         subject=(measured.subject or called) if subject is None else subject,
     )  # fmt: skip
+    if time is None and sampling_rate_hz is not None:
+        recording = by_stated_rate(recording)
     begins = {part.begin_s for part in placed.values()}
     if time is not None and len(begins) == 1 and (begin_s := begins.pop()) is not None:
         notes.append(date_note(begin_s + float(time[0])))

@@ -6,13 +6,23 @@ stride is wrong, with numbers that were learned from strides beside a reference;
 """
 
 from jgait.quality.judge import UNCERTAIN, Trust, doubts_of, judged, trust
-from jgait.quality.model import DOUBTFUL_FROM, QualityParams, doubt, factor, learned, log_likelihood, widened
+from jgait.quality.model import (
+    DOUBTFUL_FROM,
+    QualityParams,
+    doubt,
+    factor,
+    learned,
+    length_share,
+    log_likelihood,
+    widened,
+    with_share,
+    with_time_spread,
+)
 from jgait.quality.sensor import SOUND, SensorQuality, above, merged, of_sensor, opposite
 from jgait.quality.stride import EVIDENCE, StrideQuality
 
 __all__ = [
     "DOUBTFUL_FROM", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality", "StrideQuality", "Trust",
-    "above", "doubt", "doubts_of", "factor", "judged", "learned", "log_likelihood", "merged", "of_sensor",
-    "opposite", "trust",
-    "widened",
+    "above", "doubt", "doubts_of", "factor", "judged", "learned", "length_share", "log_likelihood", "merged",
+    "of_sensor", "opposite", "trust", "widened", "with_share", "with_time_spread",
 ]  # fmt: skip

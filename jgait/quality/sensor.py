@@ -26,6 +26,7 @@ class SensorQuality(NamedTuple):
         rows_lost: number of places at which rows of the file are missing although time goes on.
         rows_twice: number of rows of the file that are written twice although time goes on.
         begin: time of the first sample in the file [s], from which times count.
+        time_spread: relative deviation of the interval between samples [1]; 0 where time stamps measure it.
         force_off: relative difference of the accelerometer at rest from gravity [1].
         rates_factor: factor on the rates with which the signals fit from stance to stance [1].
         rates_off: True if that factor is far from 1.
@@ -59,6 +60,7 @@ class SensorQuality(NamedTuple):
     rows_lost: int = 0
     rows_twice: int = 0
     begin: float = 0.0
+    time_spread: float = 0.0
     force_off: float = 0.0
     rates_factor: float = 1.0
     rates_off: bool = False

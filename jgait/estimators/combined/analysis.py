@@ -30,7 +30,7 @@ from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
 from jgait.estimators.walking import inside, walking_alone
 from jgait.notes import Kind, Note, gravest_first, without_repeats
-from jgait.quality import SensorQuality, above, merged, opposite
+from jgait.quality import SensorQuality, above, length_share, merged, opposite, with_share
 from jgait.quality import notes as writer
 from jgait.types import SIDES, AnyArray, Estimate, Flags, Legs, Recording, RecordingError, as_float, check_recording
 
@@ -139,7 +139,8 @@ def analyse(
     if not kept:
         reasons = "; ".join(str(note) for note in findings.notes)
         raise RecordingError(reasons or f"no estimator has its sensors; {sensors_of(recording)}")
-    usable = recording._replace(sensors=kept, notes=tuple(writer.left_out(recording.quality)))
+    timed = {name: facts._replace(time_spread=0.0) for name, facts in recording.quality.items()}  # once, at the end
+    usable = recording._replace(sensors=kept, notes=tuple(writer.left_out(recording.quality)), quality=timed)
     through = {name: measured[name] for name, imu in kept.items() if imu is recording.sensors[name]}
     estimates, notes = sources(usable, body, through)
     estimates, share, turned = with_time_wrong(estimates, recording.quality)
@@ -171,9 +172,14 @@ def analyse(
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STEPS.note("no walking was found: no sensor measured a stride"), *differ]
-    estimate = _assembled(estimates, strides, total, walking.spans)
     if strides is not None:
         differ += stride_notes(strides.flags, regular(strides))
+    if by_rate := length_share(recording.quality):  # the same for all sources
+        if strides is not None:
+            strides = strides._replace(stddev=with_share(strides.stddev, strides.strides, by_rate))
+        if total is not None:
+            total = total._replace(stddev=float(np.hypot(total.stddev, by_rate * total.distance[-1])))
+    estimate = _assembled(estimates, strides, total, walking.spans)
     follow = {*writer.contradictions(recording.quality)}.difference(writer.contradictions(quality))
     of_reader = [note for note in recording.notes if note not in follow]
     every = [*walking.notes, *findings.notes, *differ, *of_reader, *notes, *one_sided, *unlike, *stated]

@@ -17,6 +17,7 @@ from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note, record
 from jgait.quality import SensorQuality, widened
+from jgait.quality.model import LENGTH_BY_TIME
 from jgait.quality.stride import LEAST_FACTOR
 from jgait.types import SIDES, Estimate, Imu, Recording, RecordingError
 
@@ -190,10 +191,6 @@ ROWS_SHARE = 0.1
 """[1] Relative standard deviation of a length if rows are missing or written twice. Chosen: with a fiftieth of the
 rows, lengths of recorded walks were off by 4 to 13 %."""
 
-RATES_SHARE = 2.0
-"""[1] Relative standard deviation of a stride's length, per logarithm of the factor of the rates; lengths grow with the
-square of the interval between samples."""
-
 MANY_ROWS = 10
 """[1] Number of places with missing rows, or of rows written twice, from which on all strides are uncertain; a few
 places of a joined file change no other stride."""
@@ -214,7 +211,7 @@ def with_time_wrong(
         name for source in estimates if source.estimator in ("foot_ins", "ankle_stride") for name in source.placements
     }
     off = {
-        name: RATES_SHARE * abs(float(np.log(max(facts.rates_factor, LEAST_FACTOR))))
+        name: LENGTH_BY_TIME * abs(float(np.log(max(facts.rates_factor, LEAST_FACTOR))))
         for source in estimates for name, facts in source.quality.items() if facts.rates_off
     }  # fmt: skip
     many = any(max(facts.rows_lost, facts.rows_twice) >= MANY_ROWS for facts in quality.values())
