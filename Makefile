@@ -41,7 +41,7 @@ NAMES ?=
 
 NOTEBOOKS ?= $(wildcard notebooks/*.ipynb)
 
-.PHONY: help setup demo test release lint types docs experiments presets summary bench peers lock clean
+.PHONY: help setup demo test release lint types docs experiments presets summary bench peers lock supply clean
 
 help: ## list the targets
 	@echo "make TARGET, one of:"
@@ -116,6 +116,9 @@ peers: $(PEER_STAMPS) ## make the environments of the libraries that experiments
 
 lock: $(STAMP) ## write requirements.lock for a changed pyproject.toml; ARGS="--upgrade" for newer versions
 	@sh .ci/lock $(ARGS)
+
+supply: $(STAMP) ## list the locked packages in build/sbom.json, and look for known faults of them
+	@sh .ci/supply
 
 clean: ## remove the environments and caches (results stay)
 	rm -rf .venv .venv-demo .venv-bench $(PEERS:%=.venv-%) .mypy_cache .pytest_cache .ruff_cache build dist

@@ -3,6 +3,7 @@
 The environment is made once; where no package index answers, what needs it is skipped and says why.
 """
 
+import importlib.metadata
 import json
 import os
 import re
@@ -172,6 +173,25 @@ def test_the_sdist_holds_tests_and_experiments(built):
         assert name in names
     assert {Path(__file__).relative_to(ROOT).as_posix(), "experiments/bennett2013/table2.py"} <= names
     assert not [name for name in names if "__pycache__" in name or name.startswith((".venv", "results/"))]
+
+
+FREE = re.compile(r"Apache|BSD|MIT|MPL|Mozilla|PSF|Python Software Foundation|ISC|Zlib|CC0|0BSD", re.IGNORECASE)
+"""Licences under which jgait and what it needs may be passed on, also in a closed product."""
+
+
+def test_what_the_command_brings_along_may_be_passed_on():
+    lock = (ROOT / "requirements-demo.lock").read_text(encoding="utf-8")
+    names = [match[1] for line in lock.splitlines() if (match := re.match(r"([\w.-]+)==", line))]
+    stated = {}
+    for name in names:
+        try:
+            about = importlib.metadata.metadata(name)
+        except importlib.metadata.PackageNotFoundError:  # of another system
+            continue
+        classes = [text for text in about.get_all("Classifier") or [] if text.startswith("License ::")]
+        stated[name] = about.get("License-Expression") or " ".join([*classes, about.get("License", "")[:200]])
+    assert len(stated) > 0.9 * len(names)
+    assert {name: text for name, text in stated.items() if not FREE.search(text) or "GPL" in text} == {}
 
 
 # --- the wheel alone ---
