@@ -5,6 +5,7 @@ import difflib
 import gc
 import importlib
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,10 @@ try:
     import typer
     from typer.core import TyperGroup
 except ImportError as missing:  # the library alone does without them
-    print(f"the jgait command needs its extra: pip install 'jgait[cli]' ({missing})", file=sys.stderr)
+    needed = f"the jgait command needs its extra: pip install 'jgait[cli]' ({missing})"
+    if Path(sys.argv[0]).stem != "jgait":  # a module that is imported, and not the command
+        raise ImportError(needed) from missing
+    print(needed, file=sys.stderr)
     raise SystemExit(1) from missing
 
 from jgait.commands.cache import folder
@@ -36,6 +40,9 @@ COMMANDS = {
     "cache": "Compiled programs kept between runs: their size; remove them.",
 }
 """Name of a command → what it does."""
+
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit status of a command after Ctrl-C."""
 
 _kept: list[Path] = []
 """The folder of compiled programs, if `main` could make it."""
@@ -103,8 +110,20 @@ def main() -> None:
         _kept.append(folder())
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder())
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
+    ended = [signal.SIGINT]
+
+    def terminated(number: int, _: object) -> None:
+        ended.append(signal.Signals(number))
+        raise KeyboardInterrupt  # so that a command removes what it began, as after Ctrl-C
+
+    signal.signal(signal.SIGTERM, terminated)
     try:
         app()
+    except (KeyboardInterrupt, SystemExit) as end:
+        if isinstance(end, SystemExit) and end.code != INTERRUPTED:
+            raise
+        print("jgait: interrupted", file=sys.stderr)
+        raise SystemExit(128 + ended[-1]) from None
     except RuntimeError as error:  # of a compiled program, in a command that does not go on with other recordings
         from jgait.types import COMPILED_FAILED, reason_of
 

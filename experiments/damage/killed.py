@@ -19,6 +19,9 @@ from experiments.common.row import Row, show
 KILLS = 20
 """Killed runs of each command."""
 
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+"""What ends a run, in turn; after the last two, a command exits as shells do, and says so in one line."""
+
 WALKS = ("--route", "straight:4", "--placements", "thigh_right,shank_right", "--rate", "50")
 
 
@@ -114,12 +117,14 @@ def differences(command: Command, home: Path, kills: int, seed: int) -> list[str
         if command.before:
             shutil.copytree(template, whole)
         process = started(words, home)
-        moment = draw.uniform(0.2, 1.0) * seconds
+        moment, kill = draw.uniform(0.2, 1.0) * seconds, SIGNALS[number % len(SIGNALS)]
         try:
             process.wait(moment)
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+            os.killpg(process.pid, kill)
+        said = process.communicate()[1].decode()
+        if process.returncode not in (0, -kill, 128 + kill) or "Traceback" in said:
+            found.append(f"run {number}, {kill.name} after {moment:.2f} s: ended with {process.returncode}: {said}")
         finished(words, home)
         now = content(whole)
         for name in sorted(now.keys() | expected.keys()):
@@ -145,5 +150,7 @@ def rows(quick: bool) -> list[Row]:
     show("killed and repeated", ["command", "runs", "different files"], [[c, kills, len(d)] for c, d in found.items()])
     print("\n".join(f"{command}: {line}" for command, lines in found.items() for line in lines))
     total = sum(len({line.split(",")[0] for line in lines}) for lines in found.values())
-    row = Row("kill_differences", total, "runs", n=kills * len(COMMANDS), split="SIGKILL at random moments")
+    row = Row(
+        "kill_differences", total, "runs", n=kills * len(COMMANDS), split="SIGKILL, SIGTERM, SIGINT at random moments"
+    )
     return [row.on("commands killed and given again: different results", of="kills", simulated=True)]

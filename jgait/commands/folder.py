@@ -166,7 +166,8 @@ def results_folder(
         try:
             yield folder
         except KeyboardInterrupt:
-            note("interrupted" + "; the same command continues where it stopped" * folder.run.exists())
+            if folder.run.exists():
+                note("the same command continues where it stopped")
             raise
         except OSError as error:
             stop(f"nothing more could be written to {out}: {error}")
