@@ -44,18 +44,25 @@ class Change(NamedTuple):
         length_pct: change of the distance or of the sum of the stride lengths [%], whichever is larger.
         angle_deg: largest rms change of a joint angle [deg], where both estimates are valid.
         width_m: change of the mean stride width [m].
-        beyond_pct: share of angles or strides that moved by more than three standard deviations [%].
+        beyond_pct: share of angles that moved by more than three standard deviations [%].
+        stated_pct: stated deviation of that length [%].
     """
 
     length_pct: float
     angle_deg: float
     width_m: float
     beyond_pct: float
+    stated_pct: float
 
     @property
     def wrong(self) -> bool:
         """Whether a user would take a wrong number for a right one."""
         return self.length_pct > LARGE_PCT or self.angle_deg > LARGE_DEG or self.width_m > LARGE_M
+
+    @property
+    def within(self) -> bool:
+        """Whether only a length is wrong, and by less than three of its stated deviations."""
+        return self.length_pct <= 3.0 * self.stated_pct and not (self.angle_deg > LARGE_DEG or self.width_m > LARGE_M)
 
 
 class Case(NamedTuple):
@@ -115,16 +122,19 @@ def estimate(name: str, recording: Recording) -> Estimate:
     return module.estimator().estimate(module.estimator().params, recording)
 
 
-def total(result: Estimate) -> list[float]:
-    """Distance, and sum of the stride lengths, as far as given [m]."""
+def total(result: Estimate) -> list[tuple[float, float]]:
+    """Distance, and sum of the stride lengths, as far as given, each with its standard deviation [m]."""
     valid = np.asarray(result.valid, bool)
     found = []
     if result.distance is not None and valid.any():
-        found.append(float(as_float(result.distance)[valid][-1]))
+        spread = as_float(result.diagnostics.get("distance_stddev", np.nan)).ravel()
+        found.append((float(as_float(result.distance)[valid][-1]), float(spread[-1])))
     if result.strides is not None:
+        spread = np.nan if result.strides_stddev is None else as_float(result.strides_stddev.length)
+        columns = (as_float(result.strides.length), np.broadcast_to(spread, np.shape(result.strides.side)))
         for side in range(2):
             own = np.asarray(result.strides.side) == side
-            found.append(float(np.nansum(as_float(result.strides.length)[own])))
+            found.append(tuple(float(np.nansum(column[own])) for column in columns))
     return found
 
 
@@ -147,8 +157,9 @@ def angles(result: Estimate) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def changed(clean: Estimate, now: Estimate, when: np.ndarray) -> Change:
     """How the estimate of a damaged walk, at true times (T,) [s], differs from that of the undamaged one."""
     pairs = list(zip(total(clean), total(now), strict=False))
-    length = max((100.0 * abs(b / a - 1.0) for a, b in pairs if a), default=np.nan)
-    if any(not np.isfinite(b) for _, b in pairs):
+    shares = [(100.0 * abs(b / a - 1.0), 100.0 * sd / abs(b) if b else 0.0) for (a, _), (b, sd) in pairs if a]
+    length, stated = max(shares, default=(np.nan, np.nan))
+    if any(not np.isfinite(b) for _, (b, _) in pairs):
         length = np.inf
     before, after = angles(clean), angles(now)
     rms, beyond, count = [], 0, 0
@@ -162,7 +173,7 @@ def changed(clean: Estimate, now: Estimate, when: np.ndarray) -> Change:
             count += int(known.sum())
     return Change(
         length, max(rms, default=np.nan), abs(_width(now) - _width(clean)),
-        100.0 * beyond / count if count else np.nan,
+        100.0 * beyond / count if count else np.nan, stated,
     )  # fmt: skip
 
 
@@ -257,10 +268,10 @@ def rows(quick: bool) -> list[Row]:
     return [
         Row(
             "misuse_silent_pct",
-            100.0 * sum(one.silent for one in misused) / len(misused),
+            100.0 * sum(one.silent and not one.change.within for one in misused) / len(misused),
             "%",
             n=len(misused),
-            split=every,
+            split=f"{every}; beyond three stated deviations",
         ),
         Row("silent_wrong_pct", 100.0 * silent / len(found), "%", n=len(found), split=split).on(LINE, "unnoticed", OF),
         Row(

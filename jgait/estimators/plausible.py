@@ -13,6 +13,11 @@ LONGEST_STRIDE = 2.5
 FASTEST_WALK, FASTEST_RUN = 4.0, 8.0
 """[m/s] Fastest stride of walking (race walkers reach 4.3 m/s over a kilometre), and of running over a distance."""
 
+LONG_AND_SLOW, FEWEST_STRIDES = 2.4, 4
+"""[m s] Largest median product of length and duration of a foot's strides, and least number of strides: people take
+longer steps faster, so that it is 1.6 at usual speeds (Sekiya and Nagasaki 1998: 0.0065 m a step per step a minute),
+and at most 2.0 in walks of seven public sets."""
+
 RUNNING_S = 0.95
 """[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
 
@@ -166,7 +171,7 @@ def _strides(strides: Strides, stddev: Strides | None) -> list[Note]:
     """Notes about the strides of both feet; a width counts as negative if it is below 0 by two standard deviations."""
     notes = []
     used, wrong = np.asarray(strides.valid, bool), impossible(strides)
-    length, _, speed = _paces(strides)
+    length, last, speed = _paces(strides)
     height, width = as_float(strides.height), as_float(strides.width)
     for number, side in enumerate(SIDES):
         of_side = used & (np.asarray(strides.side) == number)
@@ -177,6 +182,11 @@ def _strides(strides: Strides, stddev: Strides | None) -> list[Note]:
             )
             largest = {"length": np.nanmax(length[far]), "speed": np.nanmax(np.nan_to_num(speed[far]))}
             notes.append(IMPLAUSIBLE.note(text, side=side, strides=far.sum(), of=of_side.sum(), **largest))
+        product = (length * last)[of_side & ~wrong & np.isfinite(last)]
+        if len(product) >= FEWEST_STRIDES and np.median(product) > LONG_AND_SLOW:
+            text = "{side}: strides of {length:.2f} m that last {last:.2f} s; nobody takes so long steps so slowly"
+            middle = {"length": np.nanmedian(length[of_side]), "last": np.nanmedian(last[of_side])}
+            notes.append(IMPLAUSIBLE.note(text, side=side, **middle))
         rise, gone = float(np.nansum(height[of_side])), float(np.nansum(length[of_side]))
         if abs(rise) > max(LEAST_RISE, STEEPEST * gone):
             text = "{side}: the foot rises by {rise:.2f} m over {length:.3g} m, steeper than stairs"

@@ -25,7 +25,8 @@ def walked(length=1.4, seconds=1.1, rise=0.0, width=0.1, valid=True):
 WAVE = np.sin(2 * np.pi * TIME)
 USUAL = {
     "usual": estimate(walked()), "race walker": estimate(walked(2.4, 0.9)), "shuffling": estimate(walked(0.3, 2.5)),
-    "runner": estimate(walked(3.5, 0.65)), "stairs": estimate(walked(0.6, 1.6, rise=0.33)),
+    "runner": estimate(walked(3.5, 0.65)), "tall": estimate(walked(1.65, 1.2)), "pauses": estimate(walked(0.9, 2.5)),
+    "stairs": estimate(walked(0.6, 1.6, rise=0.33)),
     "no width": estimate(walked(width=np.nan)), "padding": estimate(walked(9.0, valid=False)),
     "knee": estimate(knee=WALKS), "not valid": estimate(knee=WALKS + 200.0 * (TIME > 9.0), valid=TIME <= 9.0),
     "knee with hip": estimate(knee=10.0 * WAVE, hip=20.0 * WAVE), "rest": estimate(knee=2.0 * WAVE, hip=5.0 * WAVE),
@@ -35,6 +36,7 @@ IMPOSSIBLE = {
     "long": (estimate(walked(2.6)), "left: 6 of 6 strides are longer or faster"),
     "fast": (estimate(walked(4.5, 1.0)), "left: 6 of 6 strides are longer or faster"),
     "fast run": (estimate(walked(6.0, 0.7)), "left: 6 of 6 strides are longer or faster"),
+    "slow clock": (estimate(walked(2.0, 1.4)), "left: strides of 2.00 m that last 1.40 s; nobody takes so long steps"),
     "infinite": (estimate(walked(np.inf)), "left: 6 of 6 strides are longer or faster"),
     "width": (estimate(walked(width=-0.1)), "negative width: left and right may be exchanged"),
     "rise": (estimate(walked(rise=-1.6)), "left: the foot rises by -9.60 m over 8.4 m, steeper than stairs"),
