@@ -60,17 +60,15 @@ def brief(value: object, most: int = 90) -> str:
         shown = entries if sum(map(len, entries)) < most else map(str, value)
         text = f"{{{', '.join(shown)}}}"
     elif isinstance(value, tuple) and hasattr(value, "_fields"):
-        parts = _fields(cast(NamedTuple, value), 0) if type(value).__repr__.__module__ in _GENERATED else []
+        # a `repr` that no class wrote for itself: of NamedTuple, or of `record`
+        generated = type(value).__repr__.__module__ in ("collections", __name__)
+        parts = _fields(cast(NamedTuple, value), 0) if generated else []
         text = f"{type(value).__name__}({', '.join(parts)})" if parts else repr(value)
     elif isinstance(value, Collection) and not isinstance(value, str | bytes):
         text = f"{len(value)} [{', '.join(brief(each, 30) for each in list(value)[:4])}{', …' * (len(value) > 4)}]"
     else:
         text = getattr(value, "__qualname__", None) or repr(value)
     return printable(" ".join(text.split()), most)
-
-
-_GENERATED = ("collections", __name__)
-"""Modules of a `repr` that no class wrote for itself: of NamedTuple, and of `record`."""
 
 
 def _fields(values: NamedTuple, most: int) -> list[str]:
@@ -95,9 +93,8 @@ def record[T: type](cls: T) -> T:
         )
         return f"<table><caption>{cls.__name__}</caption>{rows}</table>"
 
-    parts: dict[str, Any] = {"__repr__": __repr__, "_repr_html_": _repr_html_}
-    for name, part in parts.items():
-        setattr(cls, name, part)
+    for part in (__repr__, _repr_html_):
+        setattr(cls, part.__name__, part)
     return cls
 
 
@@ -217,12 +214,11 @@ def without_repeats(notes: Iterable[Note]) -> tuple[Note, ...]:
     once = dict.fromkeys(notes)
     explained = {(note.meaning, note.values.get("placement")) for note in once if not note.kind.counts}
     everywhere = {note.meaning for note in once if note.kind.of_all}
-    return tuple(
-        note for note in once
-        if not note.kind.counts or not (
-            note.meaning in everywhere or (note.meaning, note.values["placement"]) in explained
-        )
-    )  # fmt: skip
+
+    def repeats(note: Note) -> bool:
+        return note.meaning in everywhere or (note.meaning, note.values["placement"]) in explained
+
+    return tuple(note for note in once if not (note.kind.counts and repeats(note)))
 
 
 def gravest_first(notes: Iterable[Note]) -> tuple[Note, ...]:
@@ -241,9 +237,8 @@ def by_reason(failures: Iterable[tuple[str, str]]) -> dict[str, str]:
 
 def of_recordings(many: int, whole: int, singular: str = "", plural: str = "") -> str:
     """How many of all recordings, and a verb: "1 of 3 recordings has", "1 of 1 recording has"."""
-    return (
-        f"{many} of {whole} {'recording' if whole == 1 else 'recordings'} {singular if many == 1 else plural}".strip()
-    )
+    recordings = "recording" if whole == 1 else "recordings"
+    return f"{many} of {whole} {recordings} {singular if many == 1 else plural}".strip()
 
 
 def listed(texts: Iterable[str], longest: int | None = None) -> str:
@@ -327,64 +322,55 @@ def _plain(value: object) -> Value:
     return str(value)
 
 
+# Meanings that several kinds share.
+
 LOSSES = (
     "Part of the data did not arrive. Short losses are bridged, with a larger standard deviation; strides across long "
     "ones are missing or less certain. The distance of one estimator, and its deviation, do not contain what is walked "
     "in long ones; those of all sensors together do."
 )
-"""Meaning of kinds that report lost samples."""
 
 CLIPPING = (
     "The movement was faster or harder than the sensor can measure, and its peaks are cut off. What is missing is "
     "estimated from their flanks, and lengths have larger deviations for it. Lengths and angles are rather too small; "
     "a sensor with a larger range avoids this."
 )
-"""Meaning of kinds that report a signal at the limit of its sensor."""
 
 WRONG_PLACE = (
     "Sensors seem not to be where their labels say. Check how they were worn: with wrong labels, sides or segments are "
     "mixed up."
 )
-"""Meaning of kinds that report sensors whose place or direction does not match their labels."""
 
 NO_RANGE = (
     "Without distances measured between the feet, stride widths have the mean of usual people, with the spread between "
     "people as their deviation; only their changes from stride to stride are measured."
 )
-"""Meaning of kinds that report that the distance between the feet was not measured."""
 
 FEW_RESTS = (
     "Standing still shows the sensors' zero and what upright is. With little or none of it, angles and directions are "
     "less certain; next time, stand for two seconds before walking off."
 )
-"""Meaning of kinds that report that a person never stood still, or not long enough."""
 
 NO_GRAVITY = "Without an accelerometer, angles drift by degrees a minute; short walks suffer least."
-"""Meaning of kinds that report sensors without an accelerometer."""
 
 NO_WALKING = "Where there is no walking there are no strides; numbers that depend on strides are missing."
-"""Meaning of kinds that report that a person does not walk."""
 
 UNSURE_FORWARD = (
     "The direction of walking could not be computed clearly from the movement. Signs of turns and of left and right "
     "may be wrong; a longer straight walk settles it."
 )
-"""Meaning of kinds that report that the direction of walking is not certain."""
 
 DEFAULT_MEASURE = (
     "A measure of the person was not given, and a usual one is used: lengths and distances are off as much as the "
     "person differs from it. Measure it and compute the result again."
 )
-"""Meaning of kinds that report a default value in place of a measured length."""
 
 CORRECTED = "The error was found in the data and corrected; nothing needs to be done."
-"""Meaning of kinds that report an error in the data that was corrected."""
 
 SCALE = (
     "The accelerometer's scale is a little off, as it often is; the moments of rest show by how much, and the error "
     "was corrected."
 )
-"""Meaning of kinds that report an error of the accelerometer's scale, measured at rest."""
 
 DATA_LOST = Kind("data_lost", "check", "", LOSSES)
 """Rows, samples or values that a file lacks, or that a reader left out."""

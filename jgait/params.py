@@ -7,7 +7,7 @@ A parameter set is a NamedTuple of scalars (or arrays) in natural units. A secon
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, get_type_hints
 
 import jax
@@ -133,15 +133,20 @@ def _declarations[P](p: P, part: Callable[[Parameter], PyTree]) -> P:
 def units(p: PyTree) -> dict[str, str]:
     """The declared unit of every parameter, by the parameter's name, such as "thigh_length.right"."""
     by_name: dict[str, str] = {}
+    for name, parameter, value in _declared_in(p):
+        inner = [f"{name}.{field}" for field in value._fields] if isinstance(value, tuple) else [name]  # type: ignore[attr-defined]
+        by_name |= dict.fromkeys(inner, parameter.unit)
+    return by_name
+
+
+def _declared_in(p: PyTree, before: str = "") -> Iterator[tuple[str, Parameter, PyTree]]:
+    """Name, declaration and value of every parameter, also of inner records; values for both legs are one."""
     for name, parameter in declared(type(p)).items():
         value = getattr(p, name)
         if parameter.transform is None:
-            by_name |= {f"{name}.{inner}": unit for inner, unit in units(value).items()}
-        elif isinstance(value, tuple):
-            by_name |= {f"{name}.{inner}": parameter.unit for inner in value._fields}  # type: ignore[attr-defined]
+            yield from _declared_in(value, f"{before}{name}.")
         else:
-            by_name[name] = parameter.unit
-    return by_name
+            yield before + name, parameter, value
 
 
 class Prior(NamedTuple):
@@ -158,9 +163,7 @@ class Stated(NamedTuple):
 
     deviation: float  #: standard deviation, in `unit`; NaN where none is stated.
     unit: str  #: natural unit of the parameter.
-    source: (
-        str  #: where the deviation is stated: a prior, or the name of the parameter that holds it; "" where nowhere.
-    )
+    source: str  #: where it is stated: a prior, or the name of the parameter that holds it; "" where nowhere.
 
 
 def stated(p: PyTree) -> dict[str, Stated]:
@@ -169,27 +172,23 @@ def stated(p: PyTree) -> dict[str, Stated]:
     A parameter with a value for each leg is one entry, with the mean over the legs.
     """
     by_name: dict[str, Stated] = {}
-    for name, parameter in declared(type(p)).items():
-        value, holds = getattr(p, name), parameter.stddev or f"{name}_sd"
-        if parameter.transform is None:
-            by_name |= {f"{name}.{inner}": known for inner, known in stated(value).items()}
-            continue
-        leaves = [np.asarray(leaf, float) for leaf in jax.tree.leaves(value)]
+    beside = {name: value for name, _, value in _declared_in(p)}
+    for name, parameter, value in _declared_in(p):
+        inner, _, own = name.rpartition(".")
+        holds = ".".join(filter(None, (inner, parameter.stddev or f"{own}_sd")))
+        known = Stated(math.nan, parameter.unit, "")
         if parameter.prior is not None:
-            known = Stated(
-                float(np.mean(parameter.prior.stddev(np.mean(leaves)))), parameter.unit, parameter.prior.name
-            )
-        elif holds in p._fields:
-            of_log = (
-                parameter.transform.name == "positive" and parameter.unit == "1"
-            )  # such as K, of which log K varies
-            factor = float(np.mean(leaves)) if of_log else 1.0
-            known = Stated(factor * float(np.mean(jax.tree.leaves(getattr(p, holds)))), parameter.unit, holds)
-        else:
-            known = Stated(math.nan, parameter.unit, "")
+            known = Stated(float(np.mean(parameter.prior.stddev(_mean(value)))), parameter.unit, parameter.prior.name)
+        elif holds in beside:
+            of_log = parameter.transform == positive and parameter.unit == "1"  # such as K, of which log K varies
+            known = Stated((_mean(value) if of_log else 1.0) * _mean(beside[holds]), parameter.unit, holds)
         sides = getattr(value, "_fields", ()) in ((), SIDES)
         by_name |= {name: known} if sides else {f"{name}.{inner}": known for inner in value._fields}
     return by_name
+
+
+def _mean(value: PyTree) -> float:
+    return float(np.mean([np.mean(np.asarray(leaf, float)) for leaf in jax.tree.leaves(value)]))
 
 
 def normal(mean: float, stddev: float) -> Prior:
@@ -278,15 +277,13 @@ def check_params(params: PyTree, transforms: PyTree, usual: PyTree = None) -> No
         ValueError: if a value is not finite, outside the open range of its transform, or of several people.
     """
     names, values, flat, treedef = _pairs(params, transforms)
-    for name, value, usual_value in zip(
-        names, values, values if usual is None else treedef.flatten_up_to(usual), strict=True
-    ):
+    usual_values = values if usual is None else treedef.flatten_up_to(usual)
+    for name, value, transform, usual_value in zip(names, values, flat, usual_values, strict=True):
         if np.ndim(value) > np.ndim(usual_value):
             raise ValueError(
                 f"parameter '{name}' has the shape {np.shape(value)}, that of one person {np.shape(usual_value)}: of a "
                 "fit with values per subject, take those of one person, fit.of(subject)"
             )
-    for name, value, transform in zip(names, values, flat, strict=True):
         if value is None or isinstance(value, jax.core.Tracer):
             continue
         array = np.asarray(value)  # NumPy: inside jit, jnp would trace concrete values too
@@ -299,23 +296,14 @@ def check_params(params: PyTree, transforms: PyTree, usual: PyTree = None) -> No
 def unconstrain[P](params: P, transforms: P) -> P:
     """Map parameters in natural units to free values on the real line; a fixed parameter becomes None, no leaf."""
     _, values, flat, treedef = _pairs(params, transforms)
-    return jax.tree.unflatten(
-        treedef,
-        [
-            None if t.to_free is None or v is None else t.to_free(jnp.asarray(v))
-            for v, t in zip(values, flat, strict=True)
-        ],
-    )
+    pairs = zip(values, flat, strict=True)
+    free = [None if t.to_free is None or v is None else t.to_free(jnp.asarray(v)) for v, t in pairs]
+    return jax.tree.unflatten(treedef, free)
 
 
 def constrain[P](free: P, transforms: P, params: P) -> P:
     """Map free values back to natural units, the inverse of `unconstrain`; fixed values are copied from `params`."""
     _, values, flat, treedef = _pairs(params, transforms)
-    frees = treedef.flatten_up_to(free)
-    return jax.tree.unflatten(
-        treedef,
-        [
-            v if t.to_natural is None or f is None else t.to_natural(f)
-            for f, v, t in zip(frees, values, flat, strict=True)
-        ],
-    )
+    triples = zip(treedef.flatten_up_to(free), values, flat, strict=True)
+    natural = [v if t.to_natural is None or f is None else t.to_natural(f) for f, v, t in triples]
+    return jax.tree.unflatten(treedef, natural)
