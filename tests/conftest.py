@@ -11,7 +11,7 @@ from typing import Any
 
 # Read when JAX first compiles, here and in the processes that tests start. Compiling takes most of a run and what is
 # compiled runs for milliseconds: without LLVM's optimisations a run needs about half the time. Without the library
-# for small sums (`jgait.filtering.compile`), compiling needs a third less again; in one piece, a twentieth less.
+# for small sums (`jgait.geometry.arrays`), compiling needs a third less again; in one piece, a twentieth less.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_backend_optimization_level=0 --xla_cpu_experimental_ynn_fusion_type= "

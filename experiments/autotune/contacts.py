@@ -19,6 +19,7 @@ from experiments.kose2011.contacts import TOLERANCE
 from experiments.kose2011.walks import Walk, inside, of_set
 from jgait import params, tune
 from jgait.estimators import waist
+from jgait.estimators.interface import pad
 from jgait.estimators.waist import motion
 from jgait.events import trunk
 from jgait.events.trunk_soft import SOFT, Soft, cues, located
@@ -83,7 +84,7 @@ def ready(walks: Sequence[Walk]) -> Contacts:
 
 
 def _contacts(walk: Walk, inputs: Any, samples: int) -> Contacts:
-    longer = waist.estimator().pad(inputs, samples)
+    longer = pad(inputs, samples)
     score, found = jax.tree.map(np.asarray, _found(longer))
     start = float(walk.recording.sensors[next(iter(walk.recording.sensors))].time[0])
     rows = np.flatnonzero(found.valid)

@@ -132,6 +132,7 @@ def parts(cache: str, *command: str) -> dict[str, float]:
 def session(name: str, files: str) -> dict[str, float]:
     """Two recordings of different lengths, one after the other, and the first again."""
     from jgait import estimators, io
+    from jgait.estimators.interface import pad
     from jgait.estimators.programs import bucket, compiled
 
     estimator = estimators.get(name)
@@ -143,7 +144,7 @@ def session(name: str, files: str) -> dict[str, float]:
         estimator.estimate(estimator.params, other)
     compilations = watch.programs
     made = estimator.prepare(first)
-    inputs = estimator.pad(made.inputs, bucket(len(made.inputs.time)))
+    inputs = pad(made.inputs, bucket(len(made.inputs.time)))
     times = []
     for _ in range(10):
         start = time.process_time()

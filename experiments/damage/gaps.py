@@ -19,7 +19,7 @@ from experiments.common.row import Row, show
 from experiments.damage.harm import Rows, read, rows_of
 from experiments.damage.signals import angles
 from jgait.estimators import ankle_stride, foot_ins, leg_ekf
-from jgait.estimators.losses import HELD
+from jgait.estimators.checks import HELD
 from jgait.types import Estimate, Recording, as_float
 
 SECONDS = (0.2, 0.5, 1.0)

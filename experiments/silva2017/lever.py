@@ -19,6 +19,7 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride.inputs import AnkleInputs
 from jgait.estimators.ankle_stride.prepare import prepare
+from jgait.estimators.interface import pad
 from jgait.geometry.rotation import turn
 from jgait.types import Recording
 
@@ -54,7 +55,7 @@ def prepared(leg: Leg, off: np.ndarray, matrix: np.ndarray, *, standing: bool = 
 def together(items: list[AnkleInputs]) -> AnkleInputs:
     """Legs of a set, padded to one length."""
     samples = SAMPLES * int(np.ceil(max(item.time.size for item in items) / SAMPLES))
-    return jax.tree.map(lambda *v: np.stack(v), *(ankle_stride.estimator().pad(item, samples) for item in items))
+    return jax.tree.map(lambda *v: np.stack(v), *(pad(item, samples) for item in items))
 
 
 @jax.jit

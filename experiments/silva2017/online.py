@@ -26,7 +26,7 @@ from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.ankle_stride.online import ONLINE
 from jgait.estimators.lagged import LaggedNow
 from jgait.estimators.online.device import Structure, packed, unpacked
-from jgait.filtering.compile import compiler_options
+from jgait.geometry.arrays import compiler_options
 from jgait.types import Imu, Recording, Strides
 
 SAMPLES, CALLS, REPEATS, HZ = 40_000, 3000, 9, 100.0

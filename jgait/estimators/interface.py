@@ -84,20 +84,20 @@ def pad[I](inputs: I, samples: int) -> I:
     have = int(np.shape(inputs.time)[0])  # type: ignore[attr-defined]
     if samples < have:
         raise ValueError(f"pad only lengthens; got {have} samples and {samples} wanted")
-    padded: I = _grown(inputs, have, samples)
+
+    def grown(record: PyTree) -> PyTree:
+        changed = {}
+        for name, axis in axes_of(record.__class__).items():
+            value = getattr(record, name)
+            if axis is not None:
+                more, padded = axis.length(samples) - axis.length(have), axis.padded
+                changed[name] = jax.tree.map(lambda v, more=more, padded=padded: padded(np.asarray(v), more), value)
+            elif isinstance(value, tuple) and hasattr(value, "_fields"):
+                changed[name] = grown(value)
+        return record._replace(**changed)
+
+    padded: I = grown(inputs)
     return padded
-
-
-def _grown(record: PyTree, have: int, samples: int) -> PyTree:
-    changed = {}
-    for name, axis in axes_of(record.__class__).items():
-        value = getattr(record, name)
-        if axis is not None:
-            more, padded = axis.length(samples) - axis.length(have), axis.padded
-            changed[name] = jax.tree.map(lambda v, more=more, padded=padded: padded(np.asarray(v), more), value)
-        elif isinstance(value, tuple) and hasattr(value, "_fields"):
-            changed[name] = _grown(value, have, samples)
-    return record._replace(**changed)
 
 
 def fields_of(record: type, length: Callable[[int], int]) -> tuple[str, ...]:
@@ -173,10 +173,6 @@ class Estimator[P, I](NamedTuple):
         """The declared ranges of the parameters, in the same type."""
         return ranges(self.params)
 
-    def pad(self, inputs: I, samples: int) -> I:
-        """The inputs with invalid samples at the end, which do not change the estimate; see `pad`."""
-        return pad(inputs, samples)
-
     def estimate(self, p: P, recording: Recording) -> Estimate:
         """The estimate of one recording: prepared, padded, computed, without padding.
 
@@ -198,7 +194,7 @@ class Estimator[P, I](NamedTuple):
         check_recording(recording)
         check_params(p, self.transforms, self.params)
         prepared = self.prepared(recording)
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # padding, and samples that are not valid
             result = self.parts(p, prepared) or self.run(*self.arguments(p, prepared))
         return self.finished(result, prepared)
 
@@ -217,8 +213,8 @@ class Estimator[P, I](NamedTuple):
         return self.finished(self.computed(p, prepared), prepared)
 
     def computed(self, p: P, prepared: Prepared[I]) -> Estimate:
-        """The result of `run` for the padded inputs of a prepared recording, on the host."""
-        with np.errstate(all="ignore"):  # padding, and samples that are not valid
+        """The estimate before `finished`."""
+        with np.errstate(all="ignore"):
             return self.parts(p, prepared) or self.run(*self.arguments(p, prepared))
 
     def parts(self, p: P, prepared: Prepared[I]) -> Estimate | None:

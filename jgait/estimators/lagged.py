@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import PyTree
 
 from jgait import filtering, quality
-from jgait.estimators.losses import held_bridge
+from jgait.estimators.checks import held_bridge
 from jgait.filtering import Belief
 from jgait.notes import record
 from jgait.quality.stride import of_stride
@@ -99,7 +99,7 @@ class Steps(NamedTuple):
     heading: Callable[..., PyTree]  #: posterior → heading and its variance (T,).
     #: (p, worn, `LaggedSample`, `LaggedMotion`) → strides that would end at each sample, their deviations, and flags.
     strides: Callable[..., tuple[Strides, Strides, dict[str, Values]]]
-    lost: tuple[tuple[float, float], tuple[float, float]]  #: errors over lost samples, see `losses.held_bridge`.
+    lost: tuple[tuple[float, float], tuple[float, float]]  #: errors over lost samples, see `checks.held_bridge`.
 
 
 def begin(of: Steps, p: PyTree, worn: PyTree, detector: PyTree, reading: Values) -> LaggedState:

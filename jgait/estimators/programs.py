@@ -22,10 +22,8 @@ import jax
 import numpy as np
 from jaxtyping import PyTree, PyTreeDef
 
-from jgait.filtering.compile import backend, compiler_options, host, processor
 from jgait.filtering.covariance import Covariance, Layout, Places
-from jgait.filtering.model import reached
-from jgait.geometry.arrays import on_host
+from jgait.geometry.arrays import backend, compiler_options, host, on_host, processor, reached
 
 LIMIT = 1_000_000_000
 """[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""
@@ -37,9 +35,6 @@ type Described = list[Described] | str | int | None
 
 type Form = tuple[Layout, tuple[Places, ...] | None]
 """The layout of a covariance, and the places of its values."""
-
-SHORTEST_COMPILATION_S = 0.1
-"""[s] Compilations that took less are not kept."""
 
 BUCKET = 4096
 """[samples] Recordings are padded to this length times a power of two, so that few programs are compiled: recordings of
@@ -66,7 +61,7 @@ def keep(folder: Path | None) -> None:
     _Store.folder = folder
     if folder is not None and jax.config.jax_compilation_cache_dir is None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION_S)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
 def before_compiling(call: Callable[[], None] | None) -> None:
@@ -74,15 +69,14 @@ def before_compiling(call: Callable[[], None] | None) -> None:
     _Store.compiling = call
 
 
-QUICK: dict[str, str | int] = {"xla_backend_optimization_level": 0}
-"""Options of programs that run for milliseconds: without LLVM's optimisations they compile in half the time, and run
-two to three times as long."""
-
-
 @functools.cache
 def compiled(function: Callable[..., PyTree], *, quick: bool = False, over: tuple[int | None, ...] = ()) -> "Program":
-    """The function as a compiled program, `quick` to compile instead of to run; see `Program`."""
-    return Program(function, QUICK if quick else {}, over)
+    """The function as a compiled program; see `Program`.
+
+    `quick` is for programs that run for milliseconds: without LLVM's optimisations they compile in half the time, and
+    run two to three times as long.
+    """
+    return Program(function, {"xla_backend_optimization_level": 0} if quick else {}, over)
 
 
 class Program:
@@ -90,7 +84,7 @@ class Program:
 
     It computes as `jax.jit` of the function does, with NumPy's arrays for results; inside another `jit` it is just
     that, unless no result depends on an argument whose values are not known there: then it computes at once. It
-    computes on the CPU unless a default device is set (`jgait.filtering.compile.host`).
+    computes on the CPU unless a default device is set (`jgait.geometry.arrays.host`).
     """
 
     def __init__(
@@ -120,8 +114,8 @@ class Program:
             moved = [jax.device_put(v, cpu) if stays else v for v, stays in zip(leaves, fixed, strict=True)]
             with jax.default_device(cpu):
                 return self(*jax.tree.unflatten(structure, moved), **static)
-        shapes = tuple(map(_shape, leaves))
-        key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), _device())
+        shapes, device = tuple(map(_shape, leaves)), str(jax.config.jax_default_device)
+        key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), device)
         program = self._ready.get(key) or self._kept(key, arrays, static)
         if program is None:
             if _Store.compiling is not None:
@@ -186,10 +180,6 @@ def _named(value: Hashable) -> Hashable:
         return type(value).__name__, *map(_named, value)
     name = f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', '<none>')}"
     return name if callable(value) and name.startswith("jgait.") and "<" not in name else value
-
-
-def _device() -> str:
-    return str(jax.config.jax_default_device)
 
 
 @functools.cache

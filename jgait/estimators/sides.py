@@ -1,12 +1,13 @@
-"""Both sides of a person as one: their records with a first axis of sides, and the distance along their strides."""
+"""Both sides of a person as one, with a first axis of sides; durations of strides, and the distance along them."""
 
 import math
 
 import jax
+import numpy as np
 
 from jgait.filtering import Covariance
 from jgait.geometry.arrays import interpolated, xp
-from jgait.types import Counts, Flags, Values
+from jgait.types import Counts, Flags, Strides, Values, as_float
 
 
 def stacked[Record](*records: Record) -> Record:
@@ -50,3 +51,14 @@ def along(time: Values, start: Values, end: Values, real: Flags, lengths: Values
     done = xp.cumsum(lengths, axis=0)
     values = xp.stack([done - lengths, done], axis=1).reshape(-1, lengths.shape[1])
     return interpolated(time, knots, values)
+
+
+def durations(strides: Strides) -> np.ndarray:
+    """(strides,) [s] from contact to contact; NaN for a first stride from standing, which has no contact before it.
+
+    The strides have starts and ends.
+    """
+    lasts = as_float(strides.end) - as_float(strides.start)
+    if strides.final_contact is None:
+        return lasts
+    return np.where(as_float(strides.final_contact) <= as_float(strides.start), np.nan, lasts)

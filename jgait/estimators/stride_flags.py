@@ -7,6 +7,7 @@ import numpy as np
 
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.columns import COLUMNS
+from jgait.estimators.sides import durations
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Flags, Strides, Values, as_float
 
@@ -109,17 +110,6 @@ OF_ANGLES = tuple(name for name, column in COLUMNS.items() if "_flexion_" in col
 
 EVERY = (*OF_PATH, *OF_STANCE, *OF_ANGLES, "stride_duration_s", "cadence_spm")
 """Columns of a table of strides that can be left out of means."""
-
-
-def durations(strides: Strides) -> np.ndarray:
-    """(strides,) [s] from contact to contact; NaN for a first stride from standing, which has no contact before it.
-
-    The strides have starts and ends.
-    """
-    lasts = as_float(strides.end) - as_float(strides.start)
-    if strides.final_contact is None:
-        return lasts
-    return np.where(as_float(strides.final_contact) <= as_float(strides.start), np.nan, lasts)
 
 
 BREAK = 3.0

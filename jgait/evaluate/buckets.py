@@ -13,12 +13,12 @@ import numpy.typing as npt
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import PyTree
 
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, pad
 from jgait.estimators.programs import BUCKET, bucket
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import with_errors
 from jgait.evaluate.store import Cohort, frame
-from jgait.filtering.compile import compiled
+from jgait.geometry.arrays import compiled
 from jgait.notes import to_json
 from jgait.params import check_params
 from jgait.types import Estimate, RecordingError, Walk, reason_of
@@ -102,7 +102,7 @@ def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
 
 def _padded(job: CohortJob, made: Prepared[PyTree]) -> PyTree:
     """The inputs of `run`, padded, in the precision of the computation."""
-    return jax.tree.map(_lowered, job.estimator.pad(made.inputs, padded_length(np.size(made.inputs.time))))
+    return jax.tree.map(_lowered, pad(made.inputs, padded_length(np.size(made.inputs.time))))
 
 
 def _params(job: CohortJob, walk: Walk) -> PyTree:

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from jaxtyping import PyTree
 
-from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, durations, regular
+from jgait.estimators.sides import durations
+from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, regular
 from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
 from jgait.geometry.matching import matched, span

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jgait.signal.strapdown import integrated
+from jgait.geometry.rotation import integrated
 from jgait.signal.windows import held_mean, held_spread
 from jgait.types import AnyArray
 

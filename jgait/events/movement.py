@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.geometry.rotation import integrated
 from jgait.geometry.rotation import rows as matrix_rows
 from jgait.geometry.vectors import GRAVITY, as_array
-from jgait.signal.strapdown import integrated
 from jgait.signal.windows import held_mean, held_spread, over_losses, window_maximum, window_size
 from jgait.types import Imu, Recording, as_float
 

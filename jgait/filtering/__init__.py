@@ -5,13 +5,13 @@ run over a recording, `infer` runs the filter or the smoother, `step` filters on
 selects the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 """
 
-from jgait.filtering.compile import compiled
 from jgait.filtering.covariance import Covariance, names_of
 from jgait.filtering.filter import infer, kalman_filter, kalman_smoother, step
 from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
 from jgait.filtering.sample import draw
+from jgait.geometry.arrays import compiled
 
 __all__ = [
     "CKF", "EKF", "FIELDS", "KEEP", "KF", "SUMMARY", "UKF", "Belief", "Covariance", "Inferred", "IteratedEKF",

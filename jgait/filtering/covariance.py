@@ -1,5 +1,6 @@
 """Tuples of named numbers and arrays as vectors of components, and covariances whose entries have these names."""
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import Field
@@ -190,16 +191,15 @@ class Covariance:
         """
         if self.layout == layout:
             return self
-        components_of, numbers = list[list[int]](), 0
-        if self.layout.structure == layout.structure:
-            for name, shape, given in zip(layout.names, layout.shapes, self.layout.shapes, strict=True):
-                if given not in ((), shape):
-                    raise ValueError(f"'{name}' of shape () or {shape}; got {given}")
-                every = list(range(numbers, numbers + math.prod(shape)))
-                components_of += [every] if given == () else [[i] for i in every]
-                numbers += len(every)
-        else:
+        if self.layout.structure != layout.structure:
             raise ValueError(f"a covariance of ({', '.join(layout.names)}); got {self!r}")
+        components_of, numbers = list[list[int]](), 0
+        for name, shape, given in zip(layout.names, layout.shapes, self.layout.shapes, strict=True):
+            if given not in ((), shape):
+                raise ValueError(f"'{name}' of shape () or {shape}; got {given}")
+            every = list(range(numbers, numbers + math.prod(shape)))
+            components_of += [every] if given == () else [[i] for i in every]
+            numbers += len(every)
         entries = dict[tuple[int, int], Scalar]()
         for (i, j), value in self.entries().items():
             if len(components_of[i]) != len(components_of[j]):
@@ -277,20 +277,15 @@ class Covariance:
             KeyError: if a name is not a component.
             ValueError: if an entry is given in both orders.
         """
-        replaced: dict[tuple[int, int], PyTree] = {}
-        given = {frozenset(pair) for pair in entries}
-        if len(given) < len(entries):
+        if len({frozenset(pair) for pair in entries}) < len(entries):
             raise ValueError(f"an entry is given twice, in both orders of its names: {', '.join(map(str, entries))}")
+        replaced: dict[tuple[int, int], PyTree] = {}
         for pair, value in entries.items():
             rows, columns = self._pair(pair)
-            per_entry = jnp.shape(value) == () and len(rows) > 1
             block = None if jnp.shape(value) == () else jnp.reshape(value, (len(rows), len(columns)))
-            for a, i in enumerate(rows):
-                for b, j in enumerate(columns):
-                    if block is not None:
-                        replaced[min(i, j), max(i, j)] = block[a, b]
-                    else:
-                        replaced[min(i, j), max(i, j)] = value if a == b or not per_entry else 0.0
+            for (a, i), (b, j) in itertools.product(enumerate(rows), enumerate(columns)):
+                own = value if a == b or len(rows) == 1 else 0.0
+                replaced[min(i, j), max(i, j)] = own if block is None else block[a, b]
         return self.of(self.entries() | replaced, self.layout)
 
     def variances(self) -> PyTree:

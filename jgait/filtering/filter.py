@@ -12,13 +12,14 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jgait.filtering import posterior
-from jgait.filtering.compile import compiled
+from jgait.filtering.batch import differentiable
 from jgait.filtering.covariance import Numbers, Tree
 from jgait.filtering.inputs import Inputs, check_arguments, check_linear, check_values, inputs, known_false
-from jgait.filtering.methods import EKF, Method
+from jgait.filtering.methods import EKF, KF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
-from jgait.filtering.recorded import Recorded, differentiable
+from jgait.filtering.scan import Recorded
+from jgait.geometry.arrays import compiled
 
 Execution = Literal["auto", "core", "fast"]
 """The computations of a filter; their results agree up to rounding.
@@ -89,7 +90,8 @@ def infer(
     given = inputs(model, params, observations, controls, dt, mask, initial)
     shape, chosen = given.shape, posterior.places_of(covariance, given.shape.error)
     fields = keep if smooth else tuple(dict.fromkeys(("mean", *(("cov",) if chosen else ()), *keep)))
-    check_linear(given, method)
+    if isinstance(method, KF):
+        check_linear(given)
     special = _special(given, method, execution, smooth and bool(chosen))
     if special is not None:
         field_values = special(given, fields, smooth)

@@ -20,7 +20,7 @@ from jax import lax
 from jaxtyping import Array, Bool
 
 from jgait.filtering.linear import Linear, Matrices
-from jgait.filtering.scan import After, Belief, Sample, taken
+from jgait.filtering.scan import FOR_SMOOTHER, After, Belief, Sample, taken
 from jgait.filtering.step import (
     applied,
     diagonal_matrix,
@@ -30,11 +30,10 @@ from jgait.filtering.step import (
     predict,
     product,
     product_transposed,
-    replaced,
     symmetrised,
     transposed,
     where,
-)
+)  # fmt: skip
 
 type Named = dict[str, Array]
 """Outputs of a scan, or their cotangents, by name."""
@@ -162,8 +161,6 @@ def _updated(
     C_ct = held(where(valid, C_ct + rows, 0.0))
     H_ct = product(C_ct + rows, prior, H_ct)
     prior_ct = held(P_ct + symmetrised(product(transposed(H), C_ct)))
-    if "prior" in ct:
-        prior_ct = held(prior_ct + symmetrised(ct["prior"]))
     return A_ct, H_ct, e_ct, S_ct, prior_ct
 
 
@@ -202,5 +199,13 @@ def smoother_gradient(named: Named, chosen: tuple[int, ...], ct: Named, lanes: i
     n, dtype = named["cov"].shape[1], named["cov"].dtype
     none = jnp.zeros((n, lanes), dtype), jnp.zeros((n, n, lanes) if second else (), dtype)
     later: Named = {name: named[name] for name in ("lam", "Lam") if name in named and (second or name == "lam")}
-    parts = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
+    parts = tuple(named[name] for name in FOR_SMOOTHER)
     return lax.scan(body, none, (parts, later, ct))[1]
+
+
+def replaced[T](values: Sequence[T], places: Sequence[int], others: Sequence[T]) -> list[T]:
+    """The values, those at some places replaced."""
+    every = list(values)
+    for i, value in zip(places, others, strict=True):
+        every[i] = value
+    return every

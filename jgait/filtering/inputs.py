@@ -16,8 +16,10 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
 from jgait.filtering.covariance import Covariance, Layout, Numbers, Scalar, Tree, names_of
-from jgait.filtering.methods import KF, Method
-from jgait.filtering.model import Belief, Model, Shape, depends_on_place
+from jgait.filtering.linear import Shape
+from jgait.filtering.methods import Method
+from jgait.filtering.model import Belief, Model
+from jgait.geometry.arrays import reached
 
 
 class Inputs(NamedTuple):
@@ -62,9 +64,10 @@ def inputs(
     belief = model.initial(params) if initial is None else initial
     if not isinstance(belief, Belief) or not isinstance(belief.cov, Covariance):
         raise ValueError(f"a belief is a jgait.filtering.Belief(mean, Covariance); got {belief!r}")
+    if jnp.shape(dt) not in ((), (length,)):
+        raise ValueError(f"dt must be a scalar or have shape ({length},), like the observations; got {jnp.shape(dt)}")
     first = jax.tree.map(lambda leaf: leaf[0], controls)
-    mean = in_dtype(belief.mean, dtype)
-    observed = observed_layout(model, params, mean, first, observations)
+    observed = observed_layout(model, params, in_dtype(belief.mean, dtype), first, observations)
     visible, hidden = mask_components(mask, observed, length)
     shape = shape_of(model, params, controls, belief.mean, observed, dtype)
     shape = replace(shape, measured=tuple(i for i in shape.measured if i not in hidden))
@@ -72,7 +75,7 @@ def inputs(
     return Inputs(
         shape, params, shape.state.components(belief.mean, dtype, "the mean of a belief"),
         shape.noise(belief.cov, shape.error, "the covariance of a belief"),
-        [measured[i] for i in shape.measured], _series(controls, length), interval(dt, length, dtype),
+        [measured[i] for i in shape.measured], _series(controls, length), jnp.asarray(dt, dtype),
         [visible[i] for i in shape.measured],
     )  # fmt: skip
 
@@ -80,21 +83,7 @@ def inputs(
 def shape_of(
     model: Model, params: Tree, controls: Tree, mean: Tree, observed: Layout, dtype: np.dtype[np.floating]
 ) -> Shape:
-    """What is known of a model whose components are all measured; controls have the time axis in front."""
-    state = Layout.of(mean)
-    return Shape(
-        model, jax.tree.structure(params), Layout.of(controls, axes=1), state, error_layout(model, state, dtype),
-        observed, tuple(range(observed.size)), jnp.dtype(dtype),
-    )  # fmt: skip
-
-
-def _series(tree: Tree, length: int) -> list[Array]:
-    """The components of a tuple of arrays (T, …), each (T,)."""
-    return [part for leaf in jax.tree.leaves(tree) for part in jnp.unstack(leaf.reshape(length, -1), axis=1)]
-
-
-def error_layout(model: Model, state: Layout, dtype: DTypeLike) -> Layout:
-    """The layout of the error tuple: that of the state, or that of the result of `local`.
+    """What is known of a model whose components are all measured; controls have the time axis in front.
 
     Raises:
         ValueError: if only one of `retract` and `local` is defined.
@@ -102,33 +91,38 @@ def error_layout(model: Model, state: Layout, dtype: DTypeLike) -> Layout:
     if (model.retract is None) != (model.local is None):
         given = "retract" if model.local is None else "local"
         raise ValueError(f"a model gives both retract and local, or neither; this one gives only {given}")
-    if model.local is None:
-        return state
-    like = state.structure.unflatten([jax.ShapeDtypeStruct(shape, dtype) for shape in state.shapes])
-    return Layout.of(jax.eval_shape(model.local, like, like))
+    error = state = Layout.of(mean)
+    if model.local is not None:
+        like = state.structure.unflatten([jax.ShapeDtypeStruct(shape, dtype) for shape in state.shapes])
+        error = Layout.of(jax.eval_shape(model.local, like, like))
+    measured, dtype = tuple(range(observed.size)), jnp.dtype(dtype)
+    return Shape(
+        model, jax.tree.structure(params), Layout.of(controls, axes=1), state, error, observed, measured, dtype
+    )
 
 
-def check_linear(given: Inputs, method: object) -> None:
-    """Raise if the method is `KF` and the model is nonlinear.
+def _series(tree: Tree, length: int) -> list[Array]:
+    """The components of a tuple of arrays (T, …), each (T,)."""
+    return [part for leaf in jax.tree.leaves(tree) for part in jnp.unstack(leaf.reshape(length, -1), axis=1)]
 
-    Raises:
-        ValueError: if a Jacobian depends on the state; the message names the function.
-    """
-    if not isinstance(method, KF):
-        return
+
+def check_linear(given: Inputs) -> None:
+    """Raise ValueError if a Jacobian of the model depends on the state; the message names the function."""
     shape, model = given.shape, given.shape.model
     control = shape.control.tuple([leaf[0] for leaf in given.controls])
     dt = given.dt[0] if jnp.ndim(given.dt) else given.dt
-    functions = {
+    functions: dict[str, Callable[[Array], list[Scalar]]] = {
         "transition": lambda x: shape.transition(given.params, list(x), control, dt),
         "observation": lambda x: shape.observation(given.params, list(x), control),
     }
     for field, function in functions.items():
 
-        def vector(x: Array, function: Callable[[Array], list[Scalar]] = function) -> Array:
-            return jnp.stack(shape.arrays(function(x)))
+        def directional(x: Array, way: Array, function: Callable[[Array], list[Scalar]] = function) -> Array:
+            return jax.jvp(lambda x: jnp.stack(shape.arrays(function(x))), (x,), (way,))[1]
 
-        if depends_on_place(vector, jnp.zeros(shape.state.size, shape.dtype)):
+        zero = jnp.zeros(shape.state.size, shape.dtype)
+        jaxpr = jax.make_jaxpr(directional)(zero, zero).jaxpr
+        if any(reached(jaxpr, {jaxpr.invars[0]})):
             name = getattr(getattr(model, field), "__name__", "")
             named = field if name.lstrip("_") in ("", field) else f"{field} ({name})"
             raise ValueError(
@@ -149,7 +143,7 @@ def in_dtype[T](tree: T, dtype: DTypeLike) -> T:
     """The same tree with every floating leaf cast to the dtype; integers and booleans do not change."""
 
     def cast(leaf: Numbers) -> Array:
-        return jnp.asarray(leaf, dtype) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else jnp.asarray(leaf)
+        return jnp.asarray(leaf, dtype if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else None)
 
     return jax.tree.map(cast, tree)
 
@@ -162,12 +156,7 @@ def known_false(leaf: object) -> bool:
 def check_arguments(
     model: object, method: object, keep: tuple[str, ...], fields: tuple[str, ...], covariance: object
 ) -> None:
-    """Raise if a static argument of a filter is not valid.
-
-    Raises:
-        ValueError: if the model is not a hashable `Model`, `method` is not a method, `keep` has a name that is not a
-            field, or `covariance` is neither a flag nor names.
-    """
+    """Raise ValueError if a static argument of a filter is not valid; `keep` is a part of `fields`."""
     if not isinstance(model, Model):
         raise ValueError(f"model must be a jgait.filtering.Model; got {model!r}")
     try:
@@ -178,15 +167,8 @@ def check_arguments(
         raise ValueError(f"method must be KF(), EKF(), IteratedEKF(k), UKF() or CKF(); got {method!r}")
     if not isinstance(covariance, bool | tuple):
         raise ValueError(f"covariance is True, False or a tuple of names; got {covariance!r}")
-    if isinstance(keep, str):
-        raise ValueError(f"keep is a tuple of names, such as ({keep!r},); got the string {keep!r}")
-    for name in keep:
-        if name not in fields:
-            raise ValueError(f"keep names fields of Posterior ({', '.join(fields)}); got {name!r}")
-
-
-STAMPS = 5
-"""[1] Intervals that all grow, from so many on, are times."""
+    if isinstance(keep, str) or not set(keep) <= set(fields):
+        raise ValueError(f"keep is a tuple of fields of Posterior ({', '.join(fields)}); got {keep!r}")
 
 
 def check_values(observations: Tree, controls: Tree, dt: Numbers) -> None:
@@ -198,18 +180,17 @@ def check_values(observations: Tree, controls: Tree, dt: Numbers) -> None:
     """
     for kind, tree in (("observation", observations), ("control", controls)):
         for path, leaf in jax.tree_util.tree_flatten_with_path(tree, is_leaf=_is_table)[0]:
-            name = jax.tree_util.keystr(path, simple=True, separator=".")
+            name = f"{kind} '{jax.tree_util.keystr(path, simple=True, separator='.')}'"
             if _is_table(leaf):
-                what = type(leaf).__name__
-                raise ValueError(f"{kind} '{name}' must be an array; got a {what}: convert it by numpy.asarray")
+                raise ValueError(f"{name} must be an array; got a {type(leaf).__name__}: convert it by numpy.asarray")
             if isinstance(leaf, jax.core.Tracer | jax.ShapeDtypeStruct):
                 continue
             array = np.asarray(leaf)
             if array.dtype.kind not in "fiub" and not jnp.issubdtype(array.dtype, jnp.floating):
-                raise ValueError(f"{kind} '{name}' must be real numbers; got {array.dtype}")
-            if bad := np.size(array) - np.count_nonzero(np.isfinite(array)):
+                raise ValueError(f"{name} must be real numbers; got {array.dtype}")
+            if bad := array.size - np.count_nonzero(np.isfinite(array)):
                 advice = "put any finite number there and False in the mask" if kind == "observation" else "fill them"
-                raise ValueError(f"{kind} '{name}' holds NaN or infinity ({bad} of {np.size(array)} values); {advice}")
+                raise ValueError(f"{name} holds NaN or infinity ({bad} of {array.size} values); {advice}")
     if _is_table(dt):
         raise ValueError(f"dt must be a number or an array; got a {type(dt).__name__}: convert it by numpy.asarray")
     if isinstance(dt, jax.core.Tracer):
@@ -218,7 +199,7 @@ def check_values(observations: Tree, controls: Tree, dt: Numbers) -> None:
     if interval.dtype.kind not in "fiu" or not np.all(np.isfinite(interval)) or np.any(interval < 0):
         worst = interval if interval.ndim == 0 else f"a minimum of {interval.min()}"
         raise ValueError(f"dt must be finite and not negative, the time since the sample before [s]; got {worst}")
-    if interval.ndim == 1 and interval.size >= STAMPS and np.all(np.diff(interval) > 0):
+    if interval.ndim == 1 and interval.size > 4 and np.all(np.diff(interval) > 0):
         raise ValueError(
             f"dt must be the time since the sample before [s]; got times that grow from {interval[0]:g} to "
             f"{interval[-1]:g}: take numpy.diff of them, with one value more for the first sample"
@@ -246,10 +227,8 @@ def observed_layout(model: Model, params: Tree, mean: Tree, control: Tree, obser
         raise ValueError(f"the model observes a {name} of ({', '.join(fields)}); got {got}")
     for field, shape, other in zip(fields, layout.shapes, given.shapes, strict=True):
         if shape != other:
-            raise ValueError(
-                f"observation '{field}' must have shape (T{''.join(f', {n}' for n in shape) or ','}), one value a "
-                f"sample; got (T{''.join(f', {n}' for n in other) or ','})"
-            )
+            wanted, got = (f"(T{''.join(f', {n}' for n in axes) or ','})" for axes in (shape, other))
+            raise ValueError(f"observation '{field}' must have shape {wanted}, one value a sample; got {got}")
     return layout
 
 
@@ -263,21 +242,12 @@ def series[T: Tree](tree: T, kind: str, length: int | None) -> tuple[T, int]:
         shape = jnp.shape(leaf)
         if not shape:
             raise ValueError(f"{kind} '{name}' must have shape (T,) or (T, …), one value a sample; got {shape}")
-        if length is None:
-            length = shape[0]
+        length = shape[0] if length is None else length
         if shape[0] != length:
             raise ValueError(f"{kind} '{name}' has {shape[0]} samples; expected {length}")
     if not length:
         raise ValueError("a filter needs at least one sample; got none")
     return jax.tree.map(jnp.asarray, tree), length
-
-
-def interval(dt: Numbers, length: int, dtype: DTypeLike) -> Float[Array, "..."]:
-    """The interval dt, () or (T,); raises ValueError if its shape is another."""
-    shape = jnp.shape(dt)
-    if shape not in ((), (length,)):
-        raise ValueError(f"dt must be a scalar or have shape ({length},), like the observations; got {shape}")
-    return jnp.asarray(dt, dtype)
 
 
 def mask_components(mask: Tree, observed: Layout, length: int) -> tuple[list[Bool[Array, "time"] | bool], set[int]]:
@@ -307,13 +277,10 @@ def mask_components(mask: Tree, observed: Layout, length: int) -> tuple[list[Boo
         size = math.prod(shape)
         if known_false(leaf):
             hidden |= set(range(len(masks), len(masks) + size))
-            masks += [jnp.zeros(length, bool)] * size
-            continue
-        if jnp.shape(leaf) not in ((length,), (length, *shape)) or jnp.result_type(leaf) != jnp.bool_:
-            raise ValueError(
-                f"the mask of '{name}' must be bool of shape ({length},); got {jnp.result_type(leaf)} of "
-                f"{jnp.shape(leaf)}"
-            )
-        leaf = jnp.asarray(leaf)
-        masks += [leaf] * size if leaf.shape == (length,) else list(jnp.unstack(leaf.reshape(length, size), axis=1))
+            leaf = jnp.zeros(length, bool)
+        axes, dtype = jnp.shape(leaf), jnp.result_type(leaf)
+        if axes not in ((length,), (length, *shape)) or dtype != jnp.bool_:
+            raise ValueError(f"the mask of '{name}' must be bool of shape ({length},); got {dtype} of {axes}")
+        whole = jnp.broadcast_to(jnp.asarray(leaf).reshape(length, -1), (length, size))
+        masks += list(jnp.unstack(whole, axis=1))
     return masks, hidden if len(hidden) < observed.size else hidden - {0}

@@ -1,25 +1,127 @@
-"""A model of a batch of recordings, linearised at one sample: A, Q and x⁻; H, R and e. Arrays have the batch last.
+"""A model on components: of one recording (`Shape`), and linearised at a sample of a batch (`Linear`), batch last.
 
 Jacobians are computed by `jax.linearize`, once for all directions of the error.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, PyTree, PyTreeDef
 
-from jgait.filtering.covariance import Covariance, Entries, Places, Tree, placed
+from jgait.filtering.covariance import Covariance, Entries, Layout, Places, Scalar, Tree, placed
 from jgait.filtering.methods import CKF, UKF, Method
-from jgait.filtering.model import Shape
-from jgait.filtering.regression import regressed_observation, regressed_transition
+from jgait.filtering.model import Model
+from jgait.filtering.regression import regression
 from jgait.filtering.step import held
 
 type Rows = Array | Sequence[Float[Array, "B"]]
 """Components, each for all recordings: an array (component, B), or a sequence."""
 
 type Matrices = Float[Array, "row column B"]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a filter knows of a model before it is compiled, and the model's functions on components.
+
+    Attributes:
+        model: state-space model.
+        params: tree structure of its parameters.
+        control, state, error, observed: layouts of its tuples.
+        measured: numbers of the observation's components that are ever measured.
+        dtype: dtype of all floats.
+    """
+
+    model: Model
+    params: PyTreeDef
+    control: Layout
+    state: Layout
+    error: Layout
+    observed: Layout
+    measured: tuple[int, ...]
+    dtype: np.dtype[np.floating]
+
+    @property
+    def curved(self) -> bool:
+        """Whether the state is on a manifold."""
+        return self.model.local is not None
+
+    def retract(self, x: list[Array], e: list[Array]) -> list[Array]:
+        """The components of x ⊕ e."""
+        if self.model.retract is None:
+            return [a + b for a, b in zip(x, e, strict=True)]
+        moved = self.model.retract(self.state.tuple(x), self.error.tuple(e))
+        return self.arrays(self.state.components(moved, self.dtype, "what retract returns"))
+
+    def local(self, reference: list[Array], x: list[Array]) -> list[Array]:
+        """The components of x ⊖ reference."""
+        if self.model.local is None:
+            return [a - b for a, b in zip(x, reference, strict=True)]
+        error = self.model.local(self.state.tuple(reference), self.state.tuple(x))
+        return self.arrays(self.error.components(error, self.dtype, "what local returns"))
+
+    def turn(self, x: list[Array], delta: Array) -> Array:
+        """(n, n) from errors δ + e about x to errors e about x ⊕ δ."""
+        if not self.curved:
+            return jnp.eye(len(delta), dtype=delta.dtype)
+        at = self.retract(x, list(delta))
+        return jax.jacfwd(lambda d: jnp.stack(self.local(at, self.retract(x, list(d)))))(delta)
+
+    def residual(self, measured: list[Array], expected: list[Array]) -> list[Array]:
+        """The components of measured − expected, of those that are ever measured."""
+        if self.model.residual is None:
+            return [a - b for a, b in zip(measured, expected, strict=True)]
+        zeros = [jnp.zeros((), self.dtype)] * self.observed.size
+
+        def whole(values: list[Array]) -> Tree:
+            known = dict(zip(self.measured, values, strict=True))
+            return self.observed.tuple([known.get(i, zero) for i, zero in enumerate(zeros)])
+
+        difference = self.model.residual(whole(measured), whole(expected))
+        every = self.arrays(self.observed.components(difference, self.dtype, "what residual returns"))
+        return [every[i] for i in self.measured]
+
+    def transition(self, params: Tree, x: Sequence[Scalar], control: Tree, dt: Scalar) -> list[Scalar]:
+        """The components of the state after dt."""
+        after = self.model.transition(params, self.state.tuple(x), control, dt)
+        return self.state.components(after, self.dtype, "what transition returns")
+
+    def transition_noise(self, params: Tree, x: Sequence[Scalar], control: Tree, dt: Scalar) -> Entries:
+        """Q."""
+        noise = self.model.transition_noise(params, self.state.tuple(x), control, dt)
+        return self.noise(noise, self.error, "what transition_noise returns").entries()
+
+    def observation(self, params: Tree, x: Sequence[Scalar], control: Tree) -> list[Scalar]:
+        """The components of the expected observation that are ever measured."""
+        expected = self.model.observation(params, self.state.tuple(x), control)
+        every = self.observed.components(expected, self.dtype, "what observation returns")
+        return [every[i] for i in self.measured]
+
+    def observation_noise(self, params: Tree, x: Sequence[Scalar], control: Tree) -> Entries:
+        """R, of the components that are ever measured."""
+        noise = self.model.observation_noise(params, self.state.tuple(x), control)
+        every = self.noise(noise, self.observed, "what observation_noise returns").entries()
+        row = {place: i for i, place in enumerate(self.measured)}
+        return {(row[i], row[j]): value for (i, j), value in every.items() if i in row and j in row}
+
+    def noise(self, noise: Covariance | Tree, layout: Layout, what: str) -> Covariance:
+        """A `Covariance`, or that of a tuple of variances; raises ValueError if it is of another type than expected."""
+        if not isinstance(noise, Covariance):
+            if jax.tree.structure(noise) != layout.structure:
+                layout.components(noise, self.dtype, f"{what}, where it is no Covariance,")  # raises
+            noise = Covariance.from_variances(noise)
+        try:
+            return noise.expanded(layout)
+        except ValueError as error:
+            raise ValueError(f"{what} must have {error}") from None
+
+    def arrays(self, components: list[Scalar]) -> list[Array]:
+        """Components as arrays of the dtype."""
+        return [jnp.asarray(value, self.dtype) for value in components]
 
 
 class Linear:
@@ -45,14 +147,11 @@ class Linear:
 
     def over[T](self, function: Callable[..., T], *rows: Tree) -> T:
         """Outputs, batch behind, of a function of (parameters, values of one recording …)."""
-        values: list[Tree] = self._wide(list(rows))
+        values: list[Tree] = widened(list(rows), self.lanes)
         return self._batched(function, len(rows))(self.params, *values)
 
     def _batched[T](self, function: Callable[..., T], rows: int) -> Callable[..., T]:
         return jax.vmap(function, in_axes=(self.axes, *[-1] * rows), out_axes=-1, axis_size=self.lanes)
-
-    def _wide[T](self, rows: T) -> T:
-        return jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], self.lanes)), rows)
 
     def pushed(
         self, function: Callable[..., list[Array]], values: Tree, at: Rows, columns: list[Array]
@@ -61,12 +160,12 @@ class Linear:
 
         One linearisation for all columns: what it keeps of the function is computed once for each recording.
         """
-        value, along = jax.linearize(self.about(function, values), self._wide(list(at)))
+        value, along = jax.linearize(self._about(function, values), widened(list(at), self.lanes))
         return [held(v) for v in value], jax.vmap(along)(columns)
 
-    def about(self, function: Callable[..., list[Array]], values: Tree) -> Callable[[list[Array]], list[Array]]:
+    def _about(self, function: Callable[..., list[Array]], values: Tree) -> Callable[[list[Array]], list[Array]]:
         """A function of (parameters, values, components) of one recording as a function of the batch's components."""
-        return partial(self._batched(function, 2), self.params, self._wide(values))
+        return partial(self._batched(function, 2), self.params, widened(values, self.lanes))
 
     def transition(
         self, x: Rows, delta: Rows, P: Matrices, control: Rows, dt: Float[Array, "B"]
@@ -76,14 +175,11 @@ class Linear:
         x, delta, control = list(x), list(delta)[: self.size], list(control)
 
         def moved(params: list[Array], given: tuple[list[Array], Array], x: list[Array]) -> list[Array]:
-            p, u = self.unpacked(params, given[0])
+            p, u = self._unpacked(params, given[0])
             return shape.arrays(shape.transition(p, x, u, given[1]))
 
-        def apart(_: Tree, after: list[Array], x: list[Array]) -> list[Array]:
-            return shape.local(after, x)
-
         def noise(params: list[Array], x: list[Array], u: list[Array], dt: Array) -> list[Array]:
-            p, control = self.unpacked(params, u)
+            p, control = self._unpacked(params, u)
             return distinct(shape.transition_noise(p, x, control, dt), places, shape)
 
         if isinstance(method := self.method, UKF | CKF):
@@ -91,33 +187,26 @@ class Linear:
             def sigma(
                 params: list[Array], x: list[Array], delta: list[Array], P: Array, u: list[Array], dt: Array
             ) -> tuple[Array, Array, list[Array], list[Array]]:
-                return regressed_transition(shape, method, partial(moved, params, (u, dt)), x, delta, P)
+                before, turned = shape.retract(x, delta), shape.turn(x, jnp.stack(delta))
+                after = moved(params, (u, dt), before)
+
+                def g(e: Array) -> Array:
+                    return jnp.stack(shape.local(after, moved(params, (u, dt), shape.retract(before, list(e)))))
+
+                value, A, spread = regression(method, g, jnp.zeros_like(P[0]), turned @ P @ turned.T)
+                turn = shape.turn(after, value)  # errors are about x⁻, which the value moves
+                return turn @ A @ turned, turn @ spread @ turn.T, before, shape.retract(after, list(value))
 
             A, spread, before, after = self.over(sigma, x, delta, P, control, dt)
-            return (
-                A,
-                spread + self.matrix(self.over(noise, before, control, dt), places, self.size),
-                jnp.stack(after),
-            )
-        before, columns = self.pushed(self.near, x, delta, self.directions)
-        after, derivative = jax.linearize(self.about(moved, (control, dt)), before)
-        after, columns = [held(v) for v in after], jax.vmap(derivative)(columns)
+            Q = spread + self._matrix(self.over(noise, before, control, dt), places, self.size)
+            return A, Q, jnp.stack(after)
+        before, columns = self.pushed(self._near, x, delta, self.directions)
+        after, along = jax.linearize(self._about(moved, (control, dt)), before)
+        after, columns = [held(v) for v in after], jax.vmap(along)(columns)
         if shape.curved:
-            _, columns = self.pushed(apart, after, after, columns)
-        Q = self.matrix(self.over(noise, before, control, dt), places, self.width)
+            _, columns = self.pushed(lambda _, after, x: shape.local(after, x), after, after, columns)
+        Q = self._matrix(self.over(noise, before, control, dt), places, self.width)
         return jnp.pad(jnp.stack(columns), ((0, self.width - self.size), (0, 0), (0, 0))), Q, jnp.stack(after)
-
-    def matrix(self, values: Sequence[Float[Array, "B"]], places: Sequence[Places], size: int) -> Matrices:
-        """The symmetric matrices that have each value at its places, and zeros."""
-        return placed([value[None, None] for value in values], places, (size, size, 1), self.shape.dtype)
-
-    def near(self, _: list[Array], x: list[Array], d: list[Array]) -> list[Array]:
-        """The components of x ⊕ d, as `pushed` takes a function."""
-        return self.shape.retract(x, d)
-
-    def unpacked(self, params: list[Array], control: list[Array]) -> tuple[Tree, Tree]:
-        """Parameters and control as the model's functions take them."""
-        return self.shape.params.unflatten(params), self.shape.control.tuple(control)
 
     def observation(
         self, x: Rows, control: Rows, measured: Rows, visible: Rows, at: Rows | None = None, P: Matrices | None = None
@@ -130,18 +219,15 @@ class Linear:
         x, control, measured, visible = map(list, (x, control, measured, visible))
 
         def shown(params: list[Array], u: list[Array], x: list[Array]) -> list[Array]:
-            p, control = self.unpacked(params, u)
+            p, control = self._unpacked(params, u)
             return shape.arrays(shape.observation(p, x, control))
-
-        def apart(_: Tree, expected: list[Array], y: list[Array]) -> list[Array]:
-            return shape.residual(y, expected)
 
         def rest(
             params: list[Array], x: list[Array], u: list[Array], measured: list[Array], visible: list[Array],
             expected: list[Array],
         ) -> tuple[list[Array], list[Array]]:  # fmt: skip
             filled = [jnp.where(s, y, e) for s, y, e in zip(visible, measured, expected, strict=True)]
-            p, control = self.unpacked(params, u)
+            p, control = self._unpacked(params, u)
             R = distinct(shape.observation_noise(p, x, control), places, shape)
             return shape.residual(filled, expected), R
 
@@ -153,23 +239,41 @@ class Linear:
             def sigma(
                 params: list[Array], x: list[Array], at: list[Array], P: Array, u: list[Array]
             ) -> tuple[Array, list[Array], Array, Array]:
-                return regressed_observation(shape, method, partial(shown, params, u), x, at, P)
+                expected = shown(params, u, shape.retract(x, at))
+
+                def g(e: Array) -> Array:
+                    # The difference from the prediction at `at` keeps wrapped angles small.
+                    return jnp.stack(shape.residual(shown(params, u, shape.retract(x, list(e))), expected))
+
+                value, H, spread = regression(method, g, jnp.stack(at), P)
+                return H, expected, value, spread
 
             H, expected, shift, spread = self.over(sigma, x, about, P, control)
         else:
             place, columns = x, self.directions
             if at is not None or shape.curved:
-                place, columns = self.pushed(self.near, x, about, columns)
+                place, columns = self.pushed(self._near, x, about, columns)
             expected, columns = self.pushed(shown, control, x if at is None else place, columns)
             if shape.model.residual is not None:
-                _, columns = self.pushed(apart, expected, expected, columns)
+                _, columns = self.pushed(lambda _, h, y: shape.residual(y, h), expected, expected, columns)
             H = jnp.stack(columns)
         innovation, noise = self.over(rest, x, control, measured, visible, expected)
-        e, R = jnp.stack(innovation) - shift, self.matrix(noise, places, len(shape.measured)) + spread
+        e, R = jnp.stack(innovation) - shift, self._matrix(noise, places, len(shape.measured)) + spread
         here = jnp.stack(visible)
         unit = jnp.eye(len(here), dtype=shape.dtype)[:, :, None]
         R = jnp.where(here[:, None] & here[None], R, unit)
         return jnp.where(here[:, None], H, 0.0), R, jnp.where(here, e, 0.0)
+
+    def _near(self, _: list[Array], x: list[Array], d: list[Array]) -> list[Array]:
+        return self.shape.retract(x, d)
+
+    def _unpacked(self, params: list[Array], control: list[Array]) -> tuple[Tree, Tree]:
+        """Parameters and control as the model's functions take them."""
+        return self.shape.params.unflatten(params), self.shape.control.tuple(control)
+
+    def _matrix(self, values: Sequence[Float[Array, "B"]], places: Sequence[Places], size: int) -> Matrices:
+        """The symmetric matrices that have each value at its places, and zeros."""
+        return placed([value[None, None] for value in values], places, (size, size, 1), self.shape.dtype)
 
 
 def distinct(entries: Entries, places: list[Places], shape: Shape) -> list[Array]:
@@ -177,3 +281,13 @@ def distinct(entries: Entries, places: list[Places], shape: Shape) -> list[Array
     noise = Covariance.of(entries, shape.error)
     places[:] = noise.places or ()
     return shape.arrays(list(noise.values))
+
+
+def widest(*trees: PyTree) -> int:
+    """The number of recordings, from arrays (..., B) and (..., 1)."""
+    return max(leaf.shape[-1] for leaf in jax.tree.leaves(trees))
+
+
+def widened[T](tree: T, lanes: int) -> T:
+    """Arrays (..., 1) or (..., B) as (..., B)."""
+    return jax.tree.map(lambda v: jnp.broadcast_to(v, (*v.shape[:-1], lanes)), tree)

@@ -16,9 +16,10 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from jgait.filtering.covariance import Covariance, Layout
 from jgait.filtering.inputs import Inputs
-from jgait.filtering.model import Belief, Shape, reached
+from jgait.filtering.linear import Shape
+from jgait.filtering.model import Belief
 from jgait.filtering.step import product, product_transposed
-from jgait.geometry.arrays import xp
+from jgait.geometry.arrays import reached, xp
 from jgait.geometry.vectors import root
 from jgait.notes import record
 from jgait.types import Counts, Maybe
@@ -31,8 +32,6 @@ class Posterior(NamedTuple):
     Attributes:
         mean: filtered mean, in the state's type.
         cov: covariance of `mean`.
-        predicted_mean: mean before each sample.
-        predicted_cov: covariance of `predicted_mean`.
         innovation: measured − predicted, in the observation's type; 0 where masked.
         innovation_stddev: standard deviation of `innovation`, in the observation's type; 1 where masked.
         log_likelihood: (T,) log-density of each sample given the past [nat], linearised at the prediction; NaN if a
@@ -45,8 +44,6 @@ class Posterior(NamedTuple):
 
     mean: PyTree = None
     cov: Maybe[Covariance] = None
-    predicted_mean: PyTree = None
-    predicted_cov: Maybe[Covariance] = None
     innovation: PyTree = None
     innovation_stddev: PyTree = None
     log_likelihood: Maybe[Float[Array, "*batch time"]] = None
@@ -80,9 +77,8 @@ SUMMARY = ("log_likelihood", "nis", "count", "valid")
 """Fields of the filter's posterior that measure how well the model fits."""
 
 NEEDS = {
-    "mean": ("x", "delta"), "cov": ("x", "delta", "cov"), "predicted_mean": ("x", "delta", "valid"),
-    "predicted_cov": ("x", "delta", "cov", "prior", "valid"), "innovation": ("innovation",),
-    "innovation_stddev": ("variance",), "log_likelihood": ("nis", "log_det", "valid"), "nis": ("nis",),
+    "mean": ("x", "delta"), "cov": ("x", "delta", "cov"), "innovation": ("innovation",),
+    "innovation_stddev": ("variance", "valid"), "log_likelihood": ("nis", "log_det", "valid"), "nis": ("nis",),
     "count": ("valid",), "valid": ("valid",),
 }  # fmt: skip
 """Field of `Posterior` → outputs of the scan that it is computed from."""
@@ -133,28 +129,23 @@ def fields_of(
     given: Inputs, fields: tuple[str, ...], inner: tuple[int, ...], outputs: dict[str, Array]
 ) -> dict[str, Array]:
     """Fields of `Posterior`, "smoothed_mean" and "smoothed_cov", from the outputs of `Recorded` (T, …)."""
-    shape, out = given.shape, outputs
+    shape, out, valid = given.shape, outputs, outputs.get("valid", jnp.zeros(0))
+    mean = states(shape, out["x"], out["delta"]) if "x" in out else jnp.zeros(0)  # not read
     field_values: dict[str, Array] = {}
-    every = tuple(range(shape.error.size))
-    mean = states(shape, out["x"], out["delta"]) if "x" in out else jnp.zeros(())  # not read
     for name in fields:
         match name:
             case "mean":
                 value = mean
-            case "predicted_mean":
-                value = jnp.where(out["valid"][:, None], out["x"], mean)
-            case "cov" | "predicted_cov":
-                value = covariances(shape, every, out["x"], out["delta"], out["cov"])
-                if name == "predicted_cov":
-                    value = jnp.where(out["valid"][:, None, None], out["prior"], value)
+            case "cov":
+                value = covariances(shape, tuple(range(shape.error.size)), out["x"], out["delta"], out["cov"])
             case "innovation_stddev":
-                value = jnp.where(out["valid"][:, None], root(out["variance"]), 0.0)
+                value = jnp.where(valid[:, None], root(out["variance"]), 0.0)
             case "count" | "log_likelihood":
                 visible = jnp.stack([jnp.broadcast_to(jnp.asarray(s), given.length) for s in given.visible], axis=1)
-                value = jnp.where(out["valid"], jnp.sum(visible, axis=1, dtype=shape.dtype), 0.0)
+                value = jnp.sum(visible, axis=1, dtype=shape.dtype)
                 if name == "log_likelihood":
-                    terms = out["nis"] + out["log_det"] + value * LOG_2PI
-                    value = jnp.where(out["valid"], -0.5 * terms, 0.0)
+                    value = -0.5 * (out["nis"] + out["log_det"] + value * LOG_2PI)
+                value = jnp.where(valid, value, 0.0)
             case _:
                 value = out[name]
         field_values[name] = value
@@ -177,9 +168,8 @@ def inferred(
         if params:  # no update is valid, and none counts: the sum would be 0
             lost = jnp.any(jnp.stack([jnp.any(jnp.isnan(leaf)) for leaf in params]))
             field_values["log_likelihood"] = jnp.where(lost, jnp.nan, field_values["log_likelihood"])
-    named = dict.fromkeys(("mean", "predicted_mean"), shape.state.split)
-    named |= dict.fromkeys(("innovation", "innovation_stddev"), part_of(shape.observed, shape.measured).split)
-    named |= dict.fromkeys(("cov", "predicted_cov"), partial(Covariance.from_dense, like=shape.error))
+    named = dict.fromkeys(("innovation", "innovation_stddev"), part_of(shape.observed, shape.measured).split)
+    named |= {"mean": shape.state.split, "cov": partial(Covariance.from_dense, like=shape.error)}
     fields = {name: named[name](v) if name in named else v for name, v in field_values.items() if name in FIELDS}
     if not smooth:
         posterior = Posterior(**{name: value for name, value in fields.items() if name in (*keep, "mean", "cov")})
@@ -187,8 +177,9 @@ def inferred(
     posterior = Posterior(**{name: fields[name] for name in keep})
     cov = None
     if chosen:
-        matrix, inner = field_values["smoothed_cov"], closure(shape, chosen)
+        inner = closure(shape, chosen)
         place = jnp.asarray([inner.index(i) for i in chosen])
+        matrix = field_values["smoothed_cov"]
         matrix = matrix if inner == chosen else matrix[:, place[:, None], place[None]]
         cov = Covariance.from_dense(matrix, part_of(shape.error, chosen))
     return Inferred(shape.state.split(field_values["smoothed_mean"]), cov, posterior)
@@ -198,49 +189,46 @@ def part_of(layout: Layout, chosen: tuple[int, ...]) -> Layout:
     """The layout of a tuple with None for the leaves of which no component is chosen."""
     leaves, shapes, first = [], [], 0
     for shape in layout.shapes:
-        here = [i for i in chosen if first <= i < first + math.prod(shape)]
-        first += math.prod(shape)
+        size = math.prod(shape)
+        here = sum(first <= i < first + size for i in chosen)
         leaves.append(0 if here else None)
-        shapes += [shape if len(here) == math.prod(shape) else (len(here),)] if here else []
+        shapes += [shape if here == size else (here,)] if here else []
+        first += size
     return Layout(jax.tree.structure(layout.structure.unflatten(leaves)), tuple(shapes))
 
 
 def states(shape: Shape, x: Float[Array, "time k"], delta: Float[Array, "time n"]) -> Float[Array, "time k"]:
     """The states x ⊕ δ."""
-    if not shape.curved:
-        return x + delta
-    return jnp.stack(_over_time(lambda x, d: shape.retract(x, d), x, delta), axis=-1)
+    return _over_time(shape.retract, x, delta) if shape.curved else x + delta
 
 
 def turned(
     shape: Shape, x: Float[Array, "time k"], delta: Float[Array, "time n"], error: Float[Array, "time n"]
 ) -> Float[Array, "time n"]:
     """Errors about x as errors about x ⊕ δ, for errors near δ."""
-    if not shape.curved:
-        return error
-    return jnp.stack(_over_time(partial(_turned, shape), x, delta, error), axis=-1)
+    return _over_time(partial(_turned, shape), x, delta, error) if shape.curved else error
 
 
 def covariances(
     shape: Shape, chosen: tuple[int, ...], x: Float[Array, "time k"], delta: Float[Array, "time n"],
     cov: Float[Array, "time s s"],
 ) -> Float[Array, "time s s"]:  # fmt: skip
-    """Covariances about x ⊕ δ of the components `chosen`, a `closure`, from those about x."""
-    if not shape.curved:
-        return cov
+    """Covariances about x ⊕ δ of the components `chosen`, a `closure`, from those about x: T P Tᵀ.
+
+    Only the rows of T that are not constant are computed.
+    """
     pattern, varies = influences(shape)
     rows = [place for place, i in enumerate(chosen) if varies[i]]
     columns = [place for place, j in enumerate(chosen) if pattern[[chosen[i] for i in rows], j].any()]
     if not rows:
         return cov
-    seeds = np.zeros((len(columns), shape.error.size))
-    seeds[range(len(columns)), [chosen[j] for j in columns]] = 1.0
+    seeds = np.eye(shape.error.size)[[chosen[j] for j in columns]]
 
     def some(x: list[Array], delta: list[Array], seed: list[Array]) -> list[Array]:
         every = _turned(shape, x, delta, seed)
         return [every[chosen[i]] for i in rows]
 
-    of_seed = jax.vmap(lambda seed: jnp.stack(_over_time(some, x, delta, jnp.broadcast_to(seed, delta.shape))))
+    of_seed = jax.vmap(lambda seed: _over_time(some, x, delta, jnp.broadcast_to(seed, delta.shape)).T)
     T = jnp.moveaxis(of_seed(jnp.asarray(seeds, shape.dtype)), 0, 1)  # (row, column, time)
     P = jnp.moveaxis(cov, 0, -1)
     P = P.at[jnp.asarray(rows)].set(product(T, P[jnp.asarray(columns)]))
@@ -250,8 +238,6 @@ def covariances(
 
 def closure(shape: Shape, components: tuple[int, ...]) -> tuple[int, ...]:
     """The components of the error that influence the covariances of `components` about another state."""
-    if not shape.curved or not components:
-        return components
     pattern, needed = influences(shape)[0], {*components}
     while (more := {*np.flatnonzero(pattern[sorted(needed)].any(axis=0)).tolist()} | needed) != needed:
         needed = more
@@ -265,6 +251,8 @@ def influences(shape: Shape) -> tuple[Bool[np.ndarray, "n n"], Bool[np.ndarray, 
     A constant row is that of the identity, for T is the identity at δ = 0.
     """
     k, n = shape.state.size, shape.error.size
+    if not shape.curved:
+        return np.eye(n, dtype=bool), np.zeros(n, bool)
     scalars = [jax.ShapeDtypeStruct((), shape.dtype)]
     jaxpr = jax.make_jaxpr(partial(_turned, shape))(scalars * k, scalars * n, scalars * n).jaxpr
     touched = [reached(jaxpr, {v}) for v in jaxpr.invars[k + n :]]
@@ -277,6 +265,6 @@ def _turned(shape: Shape, x: list[Array], delta: list[Array], error: list[Array]
     return jax.jvp(lambda d: shape.local(at, shape.retract(x, d)), (delta,), (error,))[1]
 
 
-def _over_time(function: Callable[..., list[Array]], *arrays: Float[Array, "time size"]) -> list[Array]:
-    """The outputs (T,) of a function of lists of scalars at each sample of arrays (T, size)."""
-    return jax.vmap(function)(*(list(jnp.unstack(v, axis=-1)) for v in arrays))
+def _over_time(function: Callable[..., list[Array]], *arrays: Float[Array, "time size"]) -> Float[Array, "time size"]:
+    """The outputs of a function of lists of scalars at each sample of arrays (T, size)."""
+    return jnp.stack(jax.vmap(function)(*(list(jnp.unstack(v, axis=-1)) for v in arrays)), axis=-1)

@@ -16,14 +16,16 @@ F. Tung, C. Striebel (1965), AIAA Journal 3(8).
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from jgait.filtering.linear import Linear
+from jgait.filtering.linear import Linear, Shape, widened, widest
+from jgait.filtering.methods import EKF, KF, Method
 from jgait.filtering.step import (
     Update,
     applied,
@@ -36,7 +38,19 @@ from jgait.filtering.step import (
     unseen,
     update,
     where,
-)
+)  # fmt: skip
+
+FOR_SMOOTHER = ("cov", "M", "J", "G", "z")
+FOR_GRADIENT = ("x", "delta", "cov", "G", "z")
+BACK = ("move", "smoothed", "lam", "Lam")
+"""The outputs of the smoother's scan."""
+
+AXES = {"delta": 1, "move": 1, "lam": 1, "cov": 2}
+"""Number of axes of errors of the outputs."""
+
+SEGMENT = 2**17
+"""[samples] Recordings that are longer (22 minutes at 100 Hz) are smoothed in segments of this length: they are
+filtered twice, and memory holds the covariances of one segment."""
 
 
 class Sample(NamedTuple):
@@ -59,7 +73,6 @@ def filter_step(linear: Linear, keep: Sequence[str]) -> Callable[[Belief, Sample
     """Predict and update at a sample, for `lax.scan`; the belief after it, and the outputs `keep`.
 
     x, delta, cov    the belief after the sample
-    prior            P⁻, of errors about x
     innovation, variance, nis, log_det, valid    of the update; valid is False where something was not finite
     G, z             S⁻¹ and S⁻¹ e
     M, J             (I − K H) A and H A
@@ -82,8 +95,8 @@ def filter_step(linear: Linear, keep: Sequence[str]) -> Callable[[Belief, Sample
             new, e = observed()
         delta = where(finite, new.delta, delta)
         outputs = {
-            "x": x, "delta": delta, "cov": new.P, "prior": prior, "innovation": e, "variance": new.variance,
-            "nis": new.nis, "log_det": new.log_det, "valid": new.good, "G": new.G, "z": new.z,
+            "x": x, "delta": delta, "cov": new.P, "innovation": e, "variance": new.variance, "nis": new.nis,
+            "log_det": new.log_det, "valid": new.good, "G": new.G, "z": new.z,
         }  # fmt: skip
         if "J" in keep:
             A = where(finite, A, jnp.eye(len(A), dtype=A.dtype)[:, :, None])
@@ -131,13 +144,7 @@ def smoother_scan(
         lam = applied(transposed(M), lam) - applied(transposed(J), z)
         return (lam, Lam), {name: outputs[name] for name in keep}
 
-    known = tuple(named[name] for name in ("cov", "M", "J", "G", "z"))
-    return lax.scan(body, start, known, reverse=True)
-
-
-def nothing_after(size: int, lanes: int, dtype: DTypeLike, covariances: bool) -> After:
-    """λ and Λ after the last sample."""
-    return jnp.zeros((size, lanes), dtype), jnp.zeros((size, size, lanes) if covariances else (), dtype)
+    return lax.scan(body, start, tuple(named[name] for name in FOR_SMOOTHER), reverse=True)
 
 
 def taken(matrix: Array, rows: tuple[int, ...]) -> Array:
@@ -145,3 +152,105 @@ def taken(matrix: Array, rows: tuple[int, ...]) -> Array:
     if rows == tuple(range(rows[0], rows[-1] + 1)):
         return matrix[rows[0] : rows[-1] + 1]
     return matrix[jnp.asarray(rows)]
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Parameters, start, recording → the outputs `keep` of `filter_step` and of `smoother_scan`, over samples.
+
+    Arguments, each (..., B), or (..., 1) if it is the same for the whole batch: leaves of the parameters, mean (k,),
+    covariance (n, n), then a `Sample` with the time axis in front, its control as separate components.
+
+    Attributes:
+        shape: the model.
+        method: how to linearise.
+        keep: names of outputs.
+        chosen: components whose smoothed covariances are computed.
+        all: whether everything is computed that the gradient needs, behind `keep`.
+        segment: see `SEGMENT`.
+    """
+
+    shape: Shape
+    method: Method
+    keep: tuple[str, ...]
+    chosen: tuple[int, ...] = ()
+    all: bool = False
+    segment: int = SEGMENT
+
+    @property
+    def linearises_once(self) -> bool:
+        """Whether the linearised model depends on the means alone: KF and EKF without iterations."""
+        return isinstance(self.method, KF | EKF) and self.method.iterations == 1
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the smoother's scan is needed."""
+        return any(name in BACK for name in self.keep)
+
+    @property
+    def block(self) -> int:
+        """The number of recordings that a CPU computes at once [1]; more of them leave its cache.
+
+        Of large models 32, which fill vector units; of small ones 16, whose matrices stay in the processor's first
+        cache; in a smoother's gradient one, for its program is then half as long.
+        """
+        if self.all and self.smooth:
+            return 1
+        return 16 if self.shape.error.size**2 * jnp.dtype(self.shape.dtype).itemsize <= 512 else 32
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the outputs: `keep`, then what the gradient needs."""
+        more = (*FOR_GRADIENT, *((*FOR_SMOOTHER, "lam", *(("Lam",) if self.chosen else ())) if self.smooth else ()))
+        return tuple(dict.fromkeys((*self.keep, *more))) if self.all else self.keep
+
+    def model(self, arguments: Sequence[Array], lanes: int) -> tuple[Linear, Belief, Sample]:
+        """The model, (x, δ, P) before the first sample, and the samples.
+
+        A single recording has matrices whose rows fill vector units, if that adds few: with 15 errors it takes half of
+        the time with 16 rows. In a gradient all recordings have matrices of the same size.
+        """
+        count, controls, size = self.shape.params.num_leaves, self.shape.control.size, self.shape.error.size
+        mean, cov, measured, *rest = arguments[count:]
+        samples = Sample(measured, tuple(rest[:controls]), *rest[controls:])
+        alone = self.block == 1 if self.all else lanes == 1
+        width = -(-size // 8) * 8
+        width = width if alone and self.linearises_once and 10 * width <= 11 * size else size
+        cov = jnp.pad(widened(cov, lanes), ((0, width - size), (0, width - size), (0, 0)))
+        linear = Linear(self.shape, arguments[:count], lanes, self.method, width)
+        return linear, (widened(mean, lanes), jnp.zeros_like(cov[0]), cov), samples
+
+    def cut(self, name: str, value: Array) -> Array:
+        """An output without the rows and columns beyond the model's errors."""
+        size = self.shape.error.size
+        return value[:, *[slice(size)] * AXES.get(name, 0)]
+
+    def value(self, *arguments: Array) -> list[Array]:
+        """The outputs, time axis in front and batch behind."""
+        lanes = widest(arguments)
+        linear, begin, samples = self.model(arguments, lanes)
+        ahead, behind = ([name for name in self.names if (name in BACK) == back] for back in (False, True))
+        if self.smooth:
+            ahead = list(dict.fromkeys((*ahead, *FOR_SMOOTHER)))
+        none = jnp.zeros_like(begin[1]), jnp.zeros_like(begin[2] if self.chosen else begin[2][0, 0, 0])
+
+        def outputs_of(named: dict[str, Array], later: After) -> tuple[After, list[Array]]:
+            if self.smooth:
+                later, back = smoother_scan(named, self.chosen, later, behind)
+                named |= back
+            return later, [named[name] if self.all else self.cut(name, named[name]) for name in self.names]
+
+        length, step = len(samples.dt), filter_step(linear, ahead)
+        if self.all or not self.smooth or length <= self.segment:
+            return outputs_of(lax.scan(step, begin, samples)[1], none)[1]
+        # From the last segment to the first, each filtered again from the belief before it.
+        count = -(-length // self.segment)
+        missing = count * self.segment - length  # filled up with padding: no interval, nothing measured
+        longer = jax.tree.map(lambda v: jnp.pad(v, [(0, missing), *[(0, 0)] * (v.ndim - 1)]), samples)
+        parts = jax.tree.map(lambda v: v.reshape(count, self.segment, *v.shape[1:]), longer)
+        only = filter_step(linear, ())
+        begins = lax.scan(lambda begin, part: (lax.scan(only, begin, part)[0], begin), begin, parts)[1]
+        outputs = lax.scan(
+            lambda later, part: outputs_of(lax.scan(step, *part)[1], later), none, (begins, parts), reverse=True
+        )[1]
+        return [v.reshape(-1, *v.shape[2:])[:length] for v in outputs]

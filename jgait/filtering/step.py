@@ -7,14 +7,12 @@ All equations are in error coordinates about the predicted state, so that rotati
 and inverses of matrices that they are made of follow below.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, Float
 
 REDUCED = 32
 """Terms of the longest sum of products of one recording that XLA's reductions vectorise."""
@@ -201,29 +199,3 @@ def lifted(value: Array, like: Array) -> Array:
 def where(flag: Bool[Array, "B"], a: Float[Array, "*axes B"], b: Array | float) -> Float[Array, "*axes B"]:
     """The array a where the flag is True, else b."""
     return jnp.where(lifted(flag, a), a, b)
-
-
-# --- batches ---
-
-
-def replaced[T](values: Sequence[T], places: Sequence[int], others: Sequence[T]) -> list[T]:
-    """The values, those at some places replaced."""
-    every = list(values)
-    for i, value in zip(places, others, strict=True):
-        every[i] = value
-    return every
-
-
-def real(value: Array) -> bool:
-    """Whether an array has derivatives."""
-    return bool(jnp.issubdtype(value.dtype, jnp.floating))
-
-
-def widest(*trees: PyTree) -> int:
-    """The number of recordings, from arrays (..., B) and (..., 1)."""
-    return max(leaf.shape[-1] for leaf in jax.tree.leaves(trees))
-
-
-def widened(value: Array, lanes: int) -> Array:
-    """An array (..., 1) or (..., B) as (..., B)."""
-    return jnp.broadcast_to(value, (*value.shape[:-1], lanes))

@@ -180,6 +180,29 @@ def yawed(q: Float[AnyArray, "*batch 4"], angle: Values) -> Float[AnyArray, "*ba
     return xp.stack([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w], axis=-1)
 
 
+def integrated(
+    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float
+) -> tuple[Quaternion, np.ndarray]:
+    """Attitude at each sample (T,), and the integral of the specific force since the first (T, 3) [m/s]; on the host.
+
+    Both are in the axes of the first sample, without a correction: only differences over some seconds are of use.
+
+    Args:
+        gyr: (T, 3) angular rate without bias [rad/s].
+        acc: (T, 3) specific force [m/s²].
+        sampling_rate_hz: rate of the samples [Hz].
+    """
+    mean = 0.5 * (gyr + np.concatenate([gyr[:1], gyr[:-1]])) / sampling_rate_hz
+    attitude, shift = small_turn(split(mean)), 1
+    while shift < len(gyr):  # products of 2, 4, 8 … turns
+        earlier, later = (Quaternion(*(part[at] for part in attitude)) for at in (slice(-shift), slice(shift, None)))
+        joined = zip(attitude, product(earlier, later), strict=True)
+        attitude, shift = Quaternion(*(np.concatenate([old[:shift], new]) for old, new in joined)), 2 * shift
+    force = as_array(rotated(attitude, split(acc)))
+    total = np.cumsum(0.5 * (force[1:] + force[:-1]) / sampling_rate_hz, axis=0)
+    return attitude, np.concatenate([np.zeros((1, 3)), total])
+
+
 # States are tuples of vectors (3,) and a quaternion (4,). In their errors each field is a vector: that of the attitude
 # is a rotation vector in the world, δ with q' = exp(δ) q, that of a vector its difference.
 

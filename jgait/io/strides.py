@@ -8,7 +8,8 @@ import numpy as np
 
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.columns import COLUMNS
-from jgait.estimators.stride_flags import BREAK, EVERY, STRIDE_COLUMNS, durations, in_order, marks, pauses, without
+from jgait.estimators.sides import durations
+from jgait.estimators.stride_flags import BREAK, EVERY, STRIDE_COLUMNS, in_order, marks, pauses, without
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import optax
 from jax.sharding import Mesh
 from jaxtyping import PRNGKeyArray, PyTree
 
-from jgait.filtering.compile import compiled
+from jgait.geometry.arrays import compiled
 from jgait.notes import record
 from jgait.params import constrain
 from jgait.tune import checkpoint

@@ -13,7 +13,7 @@ import optax
 from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Bool, Float, PyTree
 
-from jgait.filtering.compile import compiler_options
+from jgait.geometry.arrays import compiler_options
 from jgait.tune import checkpoint
 from jgait.tune.dask import DIED, on_dask
 from jgait.tune.descent import Carry, Settings, Trace, first, runner

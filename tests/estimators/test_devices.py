@@ -15,7 +15,7 @@ jax.local_devices = lambda backend=None: [cpu]
 
 from jgait.estimators import programs
 from jgait.estimators.online.device import Device, Runner
-from jgait.filtering.compile import compiled, host
+from jgait.geometry.arrays import compiled, host
 
 programs.on_host = lambda tree: tree  # NumPy's arrays do not say where they were computed
 

@@ -19,8 +19,6 @@ class Told(NamedTuple):
 
     mean: Any
     cov: Any
-    predicted_mean: Any
-    predicted_cov: Any
     innovation: Any
     innovation_stddev: Any
     log_likelihood: Any
@@ -154,7 +152,7 @@ def estimated(c: Any, method: Any) -> Told:
             delta, P = prior @ H.T @ G @ error, prior - prior @ H.T @ G @ H @ prior
         turn = np.asarray(model.turn(x, delta))
         later.append((F, H, turn @ (np.eye(n) - prior @ H.T @ G @ H), G, G @ error))
-        told = x, prior, innovation, stddev, level, nis, rows.size
+        told = innovation, stddev, level, nis, rows.size
         x, P = np.asarray(model.plus(x, delta)), turn @ P @ turn.T
         out.append((x, P, *told))
     vector, matrix, smoothed = zero, np.zeros((n, n)), []

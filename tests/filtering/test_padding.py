@@ -11,7 +11,7 @@ from filtering.problems import SAMPLES, Case, case, padded, same, smoothed
 
 from jgait.filtering import EKF, FIELDS
 from jgait.filtering.inputs import inputs
-from jgait.filtering.recorded import Recorded
+from jgait.filtering.scan import Recorded
 
 
 def result(c: Case) -> Any:

@@ -11,8 +11,8 @@ from made.trunk import imu_of, worn
 
 from jgait import estimators
 from jgait.estimators import ankle_stride, foot_ins
+from jgait.estimators.checks import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.foot_ins import FootParams
-from jgait.estimators.losses import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
 from jgait.quality import trust

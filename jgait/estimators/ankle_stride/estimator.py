@@ -25,12 +25,12 @@ from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.rates import rates_off
 from jgait.estimators.ankle_stride.readout import FLAGS
 from jgait.estimators.checks import check_options
-from jgait.estimators.ends import cut_notes, cut_off
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import LEVER_IMPLAUSIBLE, RATES_OFF
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import along, of_turns, stacked
+from jgait.estimators.walking import cut_notes, cut_off
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each, xp
 from jgait.geometry.rotation import quaternion, rotated

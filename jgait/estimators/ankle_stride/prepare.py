@@ -11,9 +11,17 @@ import numpy as np
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import shank_notes
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
-from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
+from jgait.estimators.checks import (
+    bridged,
+    check_nominal_rate,
+    check_options,
+    common_time,
+    longest_loss,
+    lost_between,
+    not_bridged,
+    sensors_of,
+)
 from jgait.estimators.interface import Axis, Prepared
-from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.notes import (
     LONGEST_LOSS,
     NO_FIRST_STANDING,

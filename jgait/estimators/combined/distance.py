@@ -5,13 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.estimators.checks import lost_between, not_bridged
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
-from jgait.estimators.ends import MID_STANCE
-from jgait.estimators.losses import lost_between, not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import impossible, knees, too_fast
-from jgait.estimators.stride_flags import DOUBTFUL, FEWEST_STRIDES, durations
+from jgait.estimators.sides import durations
+from jgait.estimators.stride_flags import DOUBTFUL, FEWEST_STRIDES
+from jgait.estimators.walking import MID_STANCE
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
 from jgait.types import SIDES, Imu, Recording, Strides, as_float

@@ -8,6 +8,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.plausible import impossible
+from jgait.estimators.sides import durations
 from jgait.estimators.stride_flags import (
     CLIPPED,
     DOUBTFUL,
@@ -17,7 +18,6 @@ from jgait.estimators.stride_flags import (
     TURNING,
     UNEVEN_DURATION,
     UNSURE,
-    durations,
 )
 from jgait.notes import record
 from jgait.types import SIDES, Estimate, Legs, Strides, as_float

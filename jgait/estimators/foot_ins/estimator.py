@@ -11,7 +11,6 @@ from jaxtyping import PyTree
 
 from jgait import filtering, quality
 from jgait.estimators import noise
-from jgait.estimators.ends import cut_notes, cut_off
 from jgait.estimators.foot_ins import headings
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
@@ -28,6 +27,7 @@ from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.stride_flags import SIDE_UNKNOWN
+from jgait.estimators.walking import cut_notes, cut_off
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each
 from jgait.quality import SensorQuality, merged

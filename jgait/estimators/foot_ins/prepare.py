@@ -8,12 +8,11 @@ import itertools
 
 import numpy as np
 
-from jgait.estimators.checks import common_time, sensors_of
+from jgait.estimators.checks import bridged, common_time, longest_loss, lost_between, not_bridged, sensors_of
 from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions
 from jgait.estimators.foot_ins.sensor import OFF_FROM, gyroscope_scale
 from jgait.estimators.interface import Prepared
-from jgait.estimators.losses import bridged, longest_loss, lost_between, not_bridged
 from jgait.estimators.noise import features
 from jgait.estimators.notes import (
     ACCELEROMETER_OFF,

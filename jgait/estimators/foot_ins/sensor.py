@@ -19,11 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.geometry.rotation import Quaternion, conjugate, rotated
+from jgait.geometry.rotation import Quaternion, conjugate, integrated, rotated
 from jgait.geometry.vectors import GRAVITY, as_array, vector
 from jgait.notes import Kind, Note
 from jgait.quality import SensorQuality
-from jgait.signal.strapdown import integrated
 from jgait.types import Strides, as_float
 
 SHORTEST_S, LONGEST_S = 0.5, 2.5

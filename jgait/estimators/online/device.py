@@ -16,7 +16,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.filtering.compile import compiled, compiler_options, host
+from jgait.geometry.arrays import compiled, compiler_options, host
 from jgait.notes import record
 from jgait.types import Counts, Flags, Values
 

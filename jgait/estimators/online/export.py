@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.online.device import Device, Readings
-from jgait.filtering.compile import host
+from jgait.geometry.arrays import host
 from jgait.notes import record
 
 PLATFORMS = ("cpu", "cuda", "rocm", "tpu")

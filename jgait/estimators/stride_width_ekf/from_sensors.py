@@ -3,9 +3,8 @@
 import numpy as np
 
 from jgait.estimators import foot_ins
-from jgait.estimators.checks import sensors_of
+from jgait.estimators.checks import not_bridged, sensors_of
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
-from jgait.estimators.losses import not_bridged
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.geometry.rotation import turned, yawed
 from jgait.signal.windows import true_runs

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.ends import LEAST_CUT_STRIDES, MOST, cut_notes
-from jgait.estimators.losses import lost_between
+from jgait.estimators.checks import lost_between
 from jgait.estimators.notes import LONGEST_LOSS, NO_STEPS
 from jgait.estimators.waist.notes import BOUTS_WITHOUT_STANDING
+from jgait.estimators.walking import LEAST_CUT_STRIDES, MOST, cut_notes
 from jgait.events import trunk as trunk_events
 from jgait.notes import Note
 from jgait.quality import SensorQuality

@@ -6,9 +6,8 @@ Decisions carry no gradient; given the decisions, `waist.run` is differentiable.
 
 import numpy as np
 
-from jgait.estimators.checks import check_nominal_rate, check_options, common_time, sensors_of
+from jgait.estimators.checks import check_nominal_rate, check_options, common_time, longest_loss, sensors_of
 from jgait.estimators.interface import Prepared, pad
-from jgait.estimators.losses import longest_loss
 from jgait.estimators.notes import (
     LONGEST_LOSS,
     NO_STEPS,

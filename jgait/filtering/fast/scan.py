@@ -63,7 +63,7 @@ def solve(given: Inputs, fields: tuple[str, ...], smooth: bool) -> dict[str, Arr
 
 def _stacked(name: str, values: Any, size: int) -> Array:
     """A field of components as an array."""
-    if name in ("cov", "predicted_cov"):
+    if name == "cov":
         return jnp.stack([jnp.stack(row, axis=-1) for row in from_upper(values, size)], axis=-2)
     return jnp.stack(values, axis=-1) if isinstance(values, list) else values
 

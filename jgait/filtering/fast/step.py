@@ -44,7 +44,7 @@ from jgait.filtering.fast.components import (
     where,
 )
 from jgait.filtering.fast.tracing import Expansion
-from jgait.filtering.model import Shape
+from jgait.filtering.linear import Shape
 
 LOG_2PI = math.log(2.0 * math.pi)
 
@@ -104,8 +104,6 @@ def advanced(shape: Shape, params: Tree, before: Components, sample: Reading) ->
     fields = {
         "mean": [plus(a, d) for a, d in zip(prior.mean, moves, strict=True)],
         "cov": upper(cov),
-        "predicted_mean": prior.mean,
-        "predicted_cov": upper(prior.cov),
         "valid": sound(plus(g.health, health)),
         **jax.tree.map(lambda value: where(good, value, 0.0), statistics),
     }
