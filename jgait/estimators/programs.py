@@ -17,12 +17,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Hashable
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import PyTree, PyTreeDef
 
-from jgait.filtering.covariance import Covariance, Layout, Places
+from jgait.filtering.covariance import Covariance, Layout
 from jgait.geometry.arrays import backend, compiler_options, host, on_host, processor, reached
 
 LIMIT = 1_000_000_000
@@ -30,11 +31,8 @@ LIMIT = 1_000_000_000
 
 ENDING = ".traced"
 
-type Described = list[Described] | str | int | None
+type Described = list[Any] | int | None
 """A tree as JSON, see `_described`."""
-
-type Form = tuple[Layout, tuple[Places, ...] | None]
-"""The layout of a covariance, and the places of its values."""
 
 BUCKET = 4096
 """[samples] Recordings are padded to this length times a power of two, so that few programs are compiled: recordings of
@@ -137,19 +135,23 @@ class Program:
         file = self._file(key)
         if file is None:
             return None
-        traced = _read(file)
-        if traced is None:
+        leaves, structure = jax.tree.flatten(arrays)
+        kept = _read(file)
+        if kept is None:
             if _Store.compiling is not None:
                 _Store.compiling()
-            leaves, structure = jax.tree.flatten(arrays)
+            outputs: list[PyTreeDef] = []
 
-            def flat(*leaves: PyTree) -> PyTree:
-                return self.of(static)(*jax.tree.unflatten(structure, leaves))
+            def flat(*leaves: PyTree) -> list[PyTree]:
+                result = self.of(static)(*jax.tree.unflatten(structure, leaves))
+                outputs[:] = [jax.tree.structure(result)]
+                return jax.tree.leaves(result)
 
-            traced = jax.export.export(jax.jit(flat))(*leaves)
-            _write(file, traced)
-        compiled = jax.jit(traced.call, compiler_options=self._options()).lower(*jax.tree.leaves(arrays)).compile()
-        return lambda *given: compiled(*jax.tree.leaves(given))
+            kept = jax.export.export(jax.jit(flat))(*leaves), outputs[0]
+            _write(file, *kept)
+        traced, output = kept
+        compiled = jax.jit(traced.call, compiler_options=self._options()).lower(*leaves).compile()
+        return lambda *given: jax.tree.unflatten(output, compiled(*jax.tree.leaves(given)))
 
     def _file(self, key: Hashable) -> Path | None:
         """The file of a program; None where none is kept, or where nothing names the function or its arguments."""
@@ -192,93 +194,64 @@ def _surroundings() -> str:
     return repr((stamps, jax.__version__, platform.python_version(), processor(), jax.device_count(), settings))
 
 
-def _read(file: Path) -> jax.export.Exported | None:
-    """The program of a file; None if there is none, or it is damaged, or of types that are not loaded."""
+def _read(file: Path) -> tuple[jax.export.Exported, PyTreeDef] | None:
+    """A program and the structure of its result; None if there is no file, or it is damaged, or of unknown types."""
     try:
         content = file.read_bytes()
         if hashlib.sha256(content[32:]).digest() != content[:32]:
             return None
-        names, _, traced = content[32:].partition(b"\n")
-        for name in json.loads(names):
-            module, _, inner = name.partition(":")
-            _register(getattr(sys.modules[module], inner))
+        described, _, traced = content[32:].partition(b"\n")
+        structure = jax.tree.structure(_built(json.loads(described)))
         os.utime(file)
-        return jax.export.deserialize(bytearray(traced))
+        return jax.export.deserialize(bytearray(traced)), structure
     except Exception:  # whatever another version wrote there
         return None
 
 
-def _write(file: Path, traced: jax.export.Exported) -> None:
+def _write(file: Path, traced: jax.export.Exported, structure: PyTreeDef) -> None:
     """Put a program into the folder, whole or not at all; nothing happens if that is impossible."""
-    # A folder that cannot be written, a type that JAX cannot name, no flatbuffers (of `jgait[cli]`).
+    # A folder that cannot be written, a type that has no name, no flatbuffers (of `jgait[cli]`).
     with contextlib.suppress(OSError, ValueError, ImportError):
-        types = _types(traced.out_tree)
-        names = json.dumps([_register(kind) for kind in types]).encode()
-        content = names + b"\n" + traced.serialize()
+        content = json.dumps(_described(structure)).encode() + b"\n" + traced.serialize()
         with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
             part.write(hashlib.sha256(content).digest() + content)
         os.replace(part.name, file)
         shortened(file.parent, LIMIT)
 
 
-def _types(structure: PyTreeDef) -> list[type]:
-    """The named tuples of a tree's structure, and of the components of covariances."""
-    data = structure.node_data()
-    node_types = [data[0]] if data is not None and hasattr(data[0], "_fields") else []
-    parts = [data[1][0].structure] if data is not None and data[0] is Covariance else []
-    return list(
-        dict.fromkeys([*node_types, *(kind for child in [*parts, *structure.children()] for kind in _types(child))])
-    )
-
-
 def _described(structure: PyTreeDef) -> Described:
-    """A tree of named tuples as JSON: the name of each with its parts, 0 for a leaf, None for a part that is absent."""
-    data = structure.node_data()
+    """A tree as JSON: 0 for a leaf, None for an absent part; else the name of its type, its data and its parts."""
     if structure == jax.tree.structure(None):
         return None
-    if data is None:
+    if (node := structure.node_data()) is None:
         return 0
-    if not hasattr(data[0], "_fields"):
-        raise ValueError("components that are not of a named tuple")
-    return [_register(data[0]), *map(_described, structure.children())]
+    kind, data = node
+    if kind is Covariance:
+        layout, places = data
+        data = [_described(layout.structure), layout.shapes, places]
+    elif kind is not dict:
+        data = None
+        if not issubclass(kind, tuple | list):
+            raise ValueError(f"no name for {kind}")
+    return [f"{kind.__module__}:{kind.__qualname__}", data, *map(_described, structure.children())]
 
 
 def _built(described: Described) -> PyTree:
-    """The tree that `_described` describes."""
+    """The tree that `_described` describes; its types are tuples of modules that are loaded."""
     if not isinstance(described, list):
         return described
-    name, *parts = described
-    return _kinds[str(name)](*map(_built, parts))
-
-
-def _written_form(form: Form) -> bytes:
-    """What JAX keeps of a covariance beside its arrays, as JSON."""
-    layout, places = form
-    return json.dumps([_described(layout.structure), layout.shapes, places]).encode()
-
-
-def _form(content: bytes) -> Form:
-    """Inverse of `_written_form`."""
-    tree, shapes, places = json.loads(content)
-    layout = Layout(jax.tree.structure(_built(tree)), tuple(map(tuple, shapes)))
-    return layout, None if places is None else tuple(tuple(map(tuple, where)) for where in places)
-
-
-_kinds: dict[str, type] = {}
-"""The named tuples that are registered, by name."""
-
-jax.export.register_pytree_node_serialization(
-    Covariance, serialized_name="jgait.Covariance", serialize_auxdata=_written_form, deserialize_auxdata=_form
-)
-
-
-@functools.cache
-def _register(kind: type) -> str:
-    """The name of a named tuple, by which JAX finds it in a file."""
-    name = f"{kind.__module__}:{kind.__qualname__}"
-    jax.export.register_namedtuple_serialization(kind, serialized_name=name)
-    _kinds[name] = kind
-    return name
+    name, data, *parts = described
+    module, _, inner = name.partition(":")
+    kind, values = getattr(sys.modules[module], inner), [_built(part) for part in parts]
+    if kind is dict:
+        return dict(zip(data, values, strict=True))
+    if kind is Covariance:
+        tree, shapes, places = data
+        layout = Layout(jax.tree.structure(_built(tree)), tuple(map(tuple, shapes)))
+        return Covariance(values, layout, None if places is None else tuple(tuple(map(tuple, of)) for of in places))
+    if not issubclass(kind, tuple | list):
+        raise TypeError(f"{name} is no tuple")
+    return kind(*values) if hasattr(kind, "_fields") else kind(values)
 
 
 def shortened(folder: Path, limit: int) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jax.scipy.linalg import solve_triangular
+from jax import lax
 from jaxtyping import Array
 
 from jgait.filtering.methods import CKF, UKF
@@ -40,7 +40,8 @@ def regression(method: UKF | CKF, g: Callable[[Array], Array], mean: Array, cov:
     centre, (ahead, behind) = values[0], jnp.split(values[1:], 2)
     half, second = 0.5 * (ahead - behind), 0.5 * (ahead + behind) - centre[None, :]
     excess = jnp.sum(second, axis=0) / square
-    matrix = solve_triangular(lower, half / radius, trans=1, lower=True).T * inverse[None, :]
+    solved = lax.linalg.triangular_solve(lower, half / radius, left_side=True, lower=True, transpose_a=True)
+    matrix = solved.T * inverse[None, :]
     spread = jnp.sum(second[:, :, None] * second[:, None], axis=0) / square + q * (excess[:, None] * excess[None, :])
     return centre + excess, matrix, spread
 

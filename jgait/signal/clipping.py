@@ -37,10 +37,6 @@ FINE = 1e-3
 STEEP = 0.1
 """[1] Least change of the signal beside a cut-off reading, over that reading; a peak that is not cut off is round."""
 
-IN_PLANE, PLANE = 6, 1e-4
-"""For readings whose axes were turned after clipping: least number of the largest readings in one plane, and [1] their
-largest distance from the plane, over the largest reading. Undamaged public recordings have fewer."""
-
 HELD, AGAIN_MOST = 0.1, 4
 """[1] Share of samples equal to the sample before, in all axes, above which a sensor is slower than its signal;
 undamaged gyroscopes have 4 %. [samples] Longer runs of equal readings do not count: the sensor rests."""
@@ -81,36 +77,10 @@ def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2)
 
 
 def forces_clipped(acc: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
-    """Samples of an accelerometer at its limit, in its own axes or in axes that were turned afterwards."""
+    """Samples of an accelerometer at its limit."""
     new = _first(acc)
     once = as_float(acc)[new]
-    return (at_limit(once, above, least) | cut_short(once, above) | in_planes(once, above))[np.cumsum(new) - 1]
-
-
-def in_planes(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
-    """Samples that were clipped, `above` a value, before the axes of the signal were turned.
-
-    At least `IN_PLANE` of the largest readings then lie in one plane. A signal of coarse resolution has such planes by
-    chance: none of its samples is returned.
-    """
-    from scipy.spatial import ConvexHull, QhullError
-
-    signal = as_float(values)
-    flags = np.zeros(len(signal), bool)
-    size = np.linalg.norm(signal, axis=1)
-    outer = np.flatnonzero(size > above)
-    steps = np.abs(np.diff(signal, axis=0))
-    if len(outer) < IN_PLANE or not steps[steps > 0.0].min(initial=np.inf) < FINE * size.max():
-        return flags
-    try:
-        planes = ConvexHull(signal[outer]).equations
-    except QhullError:  # all in one plane: not the readings of a sensor with three axes
-        return flags
-    for *normal, offset in np.unique(planes[-planes[:, 3] > above], axis=0):
-        inside = signal[outer] @ normal >= -offset - PLANE * size.max()
-        if inside.sum() >= IN_PLANE:
-            flags[outer[inside]] = True
-    return flags
+    return (at_limit(once, above, least) | cut_short(once, above))[np.cumsum(new) - 1]
 
 
 def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
@@ -160,7 +130,7 @@ def restored_forces(acc: Float[AnyArray, "time axis"], clipped: Bool[AnyArray, "
     """Restore the peaks of a specific force (T, 3) [m/s²] where samples are `clipped`, see `forces_clipped`.
 
     A parabola continues the mean slope of both flanks of a peak. Interpolated samples between two clipped ones belong
-    to the peak if `clipped` contains them. Readings whose axes were turned after clipping are not changed.
+    to the peak if `clipped` contains them.
     """
     force = as_float(acc)
     peaks = []

@@ -70,23 +70,6 @@ def test_impacts_that_a_range_cuts_off_for_single_samples():
     assert not clipping.cut_short(np.zeros((0, 3)), 18.0).any()
 
 
-def test_readings_clipped_before_the_axes_were_turned_lie_in_planes():
-    rng = np.random.default_rng(0)
-    time = np.arange(2000) / 100.0
-    impacts = (
-        60.0 * np.exp(-(((time[:, None] % 1.0) - [0.3, 0.35, 0.5]) ** 2) / 0.001) * rng.uniform(0.7, 1.3, (2000, 3))
-    )
-    acc = [0.0, 0.0, 9.81] + impacts + rng.normal(scale=0.3, size=(2000, 3))
-    mount, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    clipped = acc.clip(-39.0, 39.0)
-    over = (np.abs(acc) > 39.0).any(axis=1)
-    assert over.sum() > 50
-    np.testing.assert_array_equal(clipping.forces_clipped(clipped @ mount, 18.0), over)
-    assert not clipping.forces_clipped(acc @ mount, 18.0).any()
-    assert not clipping.forces_clipped(clipped @ mount, 70.0).any()
-    assert not clipping.in_planes(clipped[:, [0, 0, 1]], 18.0).any()
-
-
 def test_readings_that_are_written_twice_are_no_limit():
     """A table at a higher rate holds some readings; the largest of them is not cut off, those at the limit are."""
     rate = swings(5.0)
