@@ -1,9 +1,9 @@
-r"""Analysis of functions of scalars: constant derivatives, and the same function in faster primitives.
+r"""Analysis of functions of scalars: constant derivatives, and the same function with each equation once.
 
 `Expansion` evaluates the trace of a function equation by equation. Known values (zeros and ones of a derivative's
 seed, constants) are folded, so the constant entries of the Jacobian are Python floats among arrays; equal equations
-are computed once; sine and cosine become one polynomial pair; and results of expensive primitives pass an
-`optimization_barrier`, without which XLA would repeat these primitives in every fused loop that uses the results.
+are computed once; and results of expensive primitives pass an `optimization_barrier`, without which XLA would repeat
+these primitives in every fused loop that uses the results.
 """
 
 import operator
@@ -20,11 +20,10 @@ from jaxtyping import Array
 
 from jgait.filtering.covariance import Scalar
 from jgait.filtering.fast.components import Matrix, identity, is_zero, known, same, transposed, unknown
-from jgait.geometry.trigonometry import sincos
 
 EXPENSIVE = frozenset({
-    "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "cosh", "div", "erf", "erf_inv", "exp", "exp2",
-    "expm1", "log", "log1p", "logistic", "pow", "rsqrt", "sinh", "sqrt", "tan", "tanh",
+    "acos", "acosh", "asin", "asinh", "atan", "atan2", "atanh", "cbrt", "cos", "cosh", "div", "erf", "erf_inv", "exp",
+    "exp2", "expm1", "log", "log1p", "logistic", "pow", "rsqrt", "sin", "sinh", "sqrt", "tan", "tanh",
 })  # fmt: skip
 """Primitives that cost more than a store and a load, so that their results are stored and not computed again."""
 
@@ -102,10 +101,6 @@ class Expansion:
             value if unknown(value) else np.asarray(value, _type(variable).dtype)
             for value, variable in zip(inputs, variables, strict=True)
         ]
-        if primitive.name in ("sin", "cos") and _type(variables[0]).dtype in (jnp.float32, jnp.float64):
-            key = ("sincos", id(inputs[0]))
-            pair = self._once(key, inputs, lambda: lax.optimization_barrier(sincos(arrays[0])))
-            return [pair[0 if primitive.name == "sin" else 1]]
         results = primitive.bind(*arrays, **primitive.get_bind_params(equation.params))
         outputs = list(results) if primitive.multiple_results else [results]
         return lax.optimization_barrier(outputs) if primitive.name in EXPENSIVE else outputs
