@@ -174,8 +174,8 @@ def stated(p: PyTree) -> dict[str, Stated]:
     by_name: dict[str, Stated] = {}
     beside = {name: value for name, _, value in _declared_in(p)}
     for name, parameter, value in _declared_in(p):
-        inner, _, own = name.rpartition(".")
-        holds = ".".join(filter(None, (inner, parameter.stddev or f"{own}_sd")))
+        inner, _, last = name.rpartition(".")
+        holds = ".".join(filter(None, (inner, parameter.stddev or f"{last}_sd")))
         known = Stated(math.nan, parameter.unit, "")
         if parameter.prior is not None:
             known = Stated(float(np.mean(parameter.prior.stddev(_mean(value)))), parameter.unit, parameter.prior.name)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from jgait.signal.peaks import peaks
+from jgait.signal.windows import peaks
 from jgait.types import Flags, LegTrajectory, Values, as_float
 
 KNEE_SWING = np.deg2rad(20.0)

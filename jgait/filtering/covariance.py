@@ -284,8 +284,8 @@ class Covariance:
             rows, columns = self._pair(pair)
             block = None if jnp.shape(value) == () else jnp.reshape(value, (len(rows), len(columns)))
             for (a, i), (b, j) in itertools.product(enumerate(rows), enumerate(columns)):
-                own = value if a == b or len(rows) == 1 else 0.0
-                replaced[min(i, j), max(i, j)] = own if block is None else block[a, b]
+                single = value if a == b or len(rows) == 1 else 0.0
+                replaced[min(i, j), max(i, j)] = single if block is None else block[a, b]
         return self.of(self.entries() | replaced, self.layout)
 
     def variances(self) -> PyTree:

@@ -1,4 +1,4 @@
-"""Moving means and spreads over centred windows of an odd number of samples, and stretches of True.
+"""Moving means and spreads over centred windows of an odd number of samples, stretches of True, and maxima.
 
 `samples`, `moving_mean`, `between_samples` and `vertex` compute by the library of their arrays, other functions on the
 host.
@@ -10,7 +10,7 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Bool, Float, Num
+from jaxtyping import Bool, Float, Int, Num
 
 from jgait.geometry.arrays import of_jax, xp
 from jgait.types import AnyArray, Values, as_float
@@ -118,3 +118,40 @@ def vertex(before: Values, here: Values, after: Values) -> Values:
     """Position of the maximum, −1/2 to 1/2, of the parabola through three samples; `here` is the greatest sample."""
     bend = 2.0 * here - before - after
     return xp.where(bend > 0.0, 0.5 * (after - before) / xp.where(bend > 0.0, bend, 1.0), 0.0).clip(-0.5, 0.5)
+
+
+def peaks(
+    x: Float[AnyArray, "time"], *, height: float = -np.inf, distance: int = 1, prominence: float = 0.0
+) -> Int[np.ndarray, "peak"]:
+    """Samples of the local maxima of a signal (T,), of a plateau the middle one; on the host.
+
+    As `scipy.signal.find_peaks`, which takes longer to import than to run.
+
+    Args:
+        x: the signal.
+        height: least value of a maximum, in the signal's unit.
+        distance: least distance of two maxima [samples]; of nearer ones the higher is kept.
+        prominence: least height of a maximum above the higher one of the lowest values on both sides, up to a value
+            that is higher than the maximum, or to the end; in the signal's unit.
+    """
+    x = as_float(x)
+    begin = np.flatnonzero(np.append(True, x[1:] != x[:-1])[: len(x)])  # of runs of equal values
+    end = np.append(begin[1:], len(x)) - 1
+    level = x[begin]
+    inner = np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] > level[2:])) + 1
+    maxima = (begin[inner] + end[inner]) // 2
+    maxima = maxima[x[maxima] >= height]
+    kept = np.ones(len(maxima), bool)
+    for highest in np.argsort(x[maxima])[::-1]:
+        if kept[highest]:
+            kept &= (np.abs(maxima - maxima[highest]) >= distance) | (maxima == maxima[highest])
+    return np.array([at for at in maxima[kept] if _prominence(x, at) >= prominence], int)
+
+
+def _prominence(x: np.ndarray, at: int) -> float:
+    """Height of a maximum above its surroundings."""
+    higher = np.flatnonzero(x > x[at])
+    place = np.searchsorted(higher, at)
+    first = higher[place - 1] + 1 if place else 0
+    last = higher[place] if place < len(higher) else len(x)
+    return float(x[at] - max(x[first : at + 1].min(), x[at:last].min()))

@@ -1,8 +1,9 @@
-"""Moving means, sizes of windows, and stretches of True."""
+"""Moving means, sizes of windows, stretches of True, and maxima."""
 
 import numpy as np
 import pytest
 from scipy import ndimage
+from scipy import signal as scipy_signal
 
 from jgait.signal import windows as signal
 
@@ -51,3 +52,18 @@ def test_sums_and_maxima_over_windows_are_scipys(ends, mode):
         np.testing.assert_allclose(signal.window_sum(x, size, ends), expected, rtol=0, atol=1e-13)
         highest = ndimage.maximum_filter1d(x[:, 0], size, mode="nearest")
         np.testing.assert_array_equal(signal.window_maximum(x[:, 0], size), highest)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_peaks_are_those_of_scipy(seed):
+    random = np.random.default_rng(seed)
+    x = random.integers(0, 9, 300).astype(float) if seed % 2 else random.normal(size=300).cumsum()
+    limits = {"height": float(np.median(x)), "prominence": float(random.uniform(0.0, 3.0))}
+    if not seed % 2:  # of equal heights, SciPy does not state which one it keeps
+        limits["distance"] = int(random.integers(1, 30))
+    np.testing.assert_array_equal(signal.peaks(x, **limits), scipy_signal.find_peaks(x, **limits)[0])
+
+
+def test_a_signal_without_maxima_has_no_peaks():
+    for x in (np.zeros(0), np.ones(1), np.ones(5), np.arange(9.0)):
+        assert len(signal.peaks(x)) == 0

@@ -8,7 +8,7 @@ import numpy as np
 from jgait.estimators.stride_flags import FEWEST_STRIDES
 from jgait.notes import Kind, Note
 from jgait.signal.butterworth import low_pass_both_ways
-from jgait.signal.peaks import peaks
+from jgait.signal.windows import peaks
 from jgait.types import SIDES, Imu, as_float
 
 CLOCK_OFF = Kind(

@@ -1,14 +1,8 @@
-r"""Predict and update over components, without superfluous operations; the covariance in the measurement's coordinates.
+r"""Predict and update over components, without superfluous operations.
 
 Barriers keep XLA from repeating operations in each loop that uses their results. The field `health` is a float that
 is finite if all numbers are finite: a comparison costs almost nothing, while stored bools would split XLA's vector
-loops. With z = H x, G = H P⁻, E = H P⁻ Hᵀ, S = E + R, the covariance after an update is
-
-    cov(z, ·) = R S⁻¹ [G E],      cov(x_j, x_k) = P⁻_jk − (S^-½ G)_jᵀ (S^-½ G)_k     for the x_j not in z,
-
-so a small variance of a measured component is not the difference of two large numbers (as in P⁻ − K S Kᵀ), at less
-than half the cost of Joseph's form. Each row of H must be solvable for one component with a constant entry; if the
-rows are not, Joseph's form is used.
+loops.
 """
 
 import math
@@ -30,7 +24,6 @@ from jgait.filtering.fast.components import (
     dot,
     from_upper,
     identity,
-    is_zero,
     known,
     minus,
     plus,
@@ -91,8 +84,6 @@ def advanced(shape: Shape, params: Tree, before: Components, sample: Reading) ->
     prior, matrix, health = predicted(shape, params, before, sample)
     g = gains(shape, params, prior, sample)
     moves = [dot(column, g.white) for column in transposed(g.white_cross)]
-    plan = pivots(g.matrix)
-    cov = _joseph(prior.cov, g) if plan is None else _in_measured_coordinates(prior.cov, g, sample.visible, plan)
     good, nis, count = sound(g.health), dot(g.white, g.white), total(where(s, 1.0, 0.0) for s in sample.visible)
     statistics = {
         "innovation": g.innovation,
@@ -103,7 +94,7 @@ def advanced(shape: Shape, params: Tree, before: Components, sample: Reading) ->
     }
     fields = {
         "mean": [plus(a, d) for a, d in zip(prior.mean, moves, strict=True)],
-        "cov": upper(cov),
+        "cov": upper(_joseph(prior.cov, g)),
         "valid": sound(plus(g.health, health)),
         **jax.tree.map(lambda value: where(good, value, 0.0), statistics),
     }
@@ -229,62 +220,3 @@ def _joseph(cov: Matrix, g: Gains) -> Matrix:
     half = barred(product(left, cov))
     noisy = product(gain, g.noise)
     return symmetric(len(cov), lambda i, j: plus(dot(half[i], left[j]), dot(noisy[i], gain[j])))
-
-
-def pivots(matrix: Matrix) -> list[tuple[int, int]] | None:
-    """(row, column) of a known entry for each row, in the order in which the rows are solved for the columns; or None.
-
-    A row is selected when its column is zero in all rows not yet selected; the result has the reverse order. The
-    first columns of the state are preferred: the motion, not the biases, whose small variances would otherwise be
-    differences of large numbers.
-    """
-    rest = set(range(len(matrix)))
-    taken: list[tuple[int, int]] = []
-    while rest:
-        choices = []
-        for row in sorted(rest):
-            columns = [j for j, entry in enumerate(matrix[row]) if known(entry) and entry != 0.0]
-            for rank, j in enumerate(columns):
-                if all(is_zero(matrix[other][j]) for other in rest - {row}):
-                    choices.append((rank, -len(columns), row, j))
-        if not choices:
-            return None
-        _, _, row, j = min(choices)
-        taken.append((row, j))
-        rest.discard(row)
-    return taken[::-1]
-
-
-def _in_measured_coordinates(cov: Matrix, g: Gains, visible: list[Flag], plan: list[tuple[int, int]]) -> Matrix:
-    """The covariance after the update, from the covariance of the unmeasured components and z = H x."""
-    solved = {column for _, column in plan}
-    free = [j for j in range(len(cov)) if j not in solved]
-    before = [[row[j] for j in free] + [dot(row, h) for h in g.matrix] for row in g.cross]  # [G E]
-    rows = zip(g.white_cross, product(g.inverse, _masked(visible, before)), strict=True)
-    white = [[cross[j] for j in free] + row[len(free) :] for cross, row in rows]
-    measured = product(g.noise, product(transposed(g.inverse), white))
-    good, columns = sound(g.health), transposed(white)
-
-    def entry(i: int, j: int) -> Scalar:
-        a = j - len(free)
-        if a < 0:
-            return minus(cov[free[i]][free[j]], dot(columns[i], columns[j]))
-        unseen = before[a][i] if visible[a] is True else minus(before[a][i], dot(columns[j], columns[i]))
-        return where(visible[a] & good, measured[a][i], unseen)
-
-    return congruence(_solution(g.matrix, free, plan), symmetric(len(columns), entry))
-
-
-def _solution(matrix: Matrix, free: list[int], plan: list[tuple[int, int]]) -> Matrix:
-    """The matrix T of x = T (x_free, z): z = H x solved row by row for the pivots."""
-    size, width = len(matrix[0]), len(free) + len(matrix)
-    rows: Matrix = [[0.0] * width for _ in range(size)]
-    for place, j in enumerate(free):
-        rows[j][place] = 1.0
-    for a, column in plan:
-        row: list[Scalar] = [1.0 if k == len(free) + a else 0.0 for k in range(width)]
-        for k, entry in enumerate(matrix[a]):
-            if k != column and not is_zero(entry):
-                row = [minus(r, times(entry, t)) for r, t in zip(row, rows[k], strict=True)]
-        rows[column] = [times(1.0 / matrix[a][column], r) for r in row]
-    return rows
