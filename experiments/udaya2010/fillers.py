@@ -2,16 +2,15 @@
 
 from functools import partial
 
-from experiments.udaya2010 import oscillator
+from experiments.udaya2010 import oscillator, ridge
 from jgait.duty_cycle.fillers import registry
 from jgait.duty_cycle.fillers.base import Filler
-from jgait.duty_cycle.fillers.ridge import RIDGE, ridge
 from jgait.params import ranges
 
-LATER = Filler(partial(ridge, latency_s=0.4), RIDGE, ranges(RIDGE), needs_acc=True)
+LATER = Filler(partial(ridge.ridge, latency_s=0.4), ridge.RIDGE, ranges(ridge.RIDGE), needs_acc=True)
 """Ridge regression that waits for later samples."""
 
 
 def fillers() -> dict[str, Filler]:
     """Name → filler."""
-    return {**registry.fillers(), "ridge_later": LATER, **oscillator.FILLERS}
+    return {**registry.fillers(), **ridge.FILLERS, "ridge_later": LATER, **oscillator.FILLERS}

@@ -11,6 +11,7 @@ from experiments.common.recordings import available, walks
 from experiments.common.row import Row, show
 from experiments.common.sets import datasets
 from experiments.udaya2010.behind import _rms_deg
+from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.walked import Walked, neura
 from jgait.duty_cycle.recording import fill_recording
 from jgait.estimators import leg_ekf
@@ -59,7 +60,7 @@ def rows(quick: bool) -> list[Row]:
         for duty, filler in cases:
             found = []
             for phase in phases:
-                asleep = fill_recording(one.recording, gyro_on=part.on(duty, phase), filler=filler)
+                asleep = fill_recording(one.recording, gyro_on=part.on(duty, phase), filler=fillers()[filler])
                 found.append(_knees(part, leg_ekf.estimate(p, asleep), always))
             mean = _Knee(*(np.mean(values, axis=0) for values in zip(*found, strict=True)))
             lines.append([f"  duty {duty} %, {filler}", *map(float, np.concatenate(mean))])

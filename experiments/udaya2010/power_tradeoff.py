@@ -152,7 +152,7 @@ def pareto(
         prices: λ: what all of the gyroscope's power is worth, in error [1]. Of the order of 0.02 to 2.
         sampling_rate_hz: of the samples [Hz].
         filler: the one that judges, given the neighbours' parameters of a plan: they alone, or
-            `duty_cycle.fillers.ridge.blend` with them, or any other.
+            `ridge.blend` with them, or any other.
         neighbours: parameters of the neighbours, which fill while plans are looked for; where
             `settings.fit_filler` is set, what they start from.
         settings: of the descent.

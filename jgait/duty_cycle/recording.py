@@ -101,8 +101,10 @@ def _followed(plan: Schedule, count: int, rate_hz: float, warm_up: float, sensor
     return Masks(*(np.concatenate([np.ones(warm, bool), mask[begun:]]) for mask in later))
 
 
-def check_filler(name: str) -> Filler:
-    """A filler by name. Raises ValueError if there is none."""
+def check_filler(name: str | Filler) -> Filler:
+    """A filler by name, or as it is. Raises ValueError if there is none of the name."""
+    if isinstance(name, Filler):
+        return name
     every = fillers()
     if name not in every:
         raise ValueError(f"filler must be one of {', '.join(every)}; got {name!r}")
@@ -141,7 +143,7 @@ def _filled(
 
 
 def fill_recording(
-    recording: Recording, *, schedule: Schedule | float | None = None, filler: str = "neighbours",
+    recording: Recording, *, schedule: Schedule | float | None = None, filler: str | Filler = "neighbours",
     gyro_on: Mapping[str, On] | None = None, warm_up: float = 0.0, sensor: Sensor = GYROSCOPE,
 ) -> Recording:  # fmt: skip
     """The recording with the gaps of the gyroscopes of thighs and shanks filled, for any other estimator.
@@ -150,8 +152,7 @@ def fill_recording(
 
     The filler fills the rate about the axis with the largest rate, the sagittal rate. The same filler fills the rates
     about the two perpendicular axes, each from its past and the same accelerometer: these rates also repeat with the
-        stride, and zeros would state that the leg stays in its plane. The sagittal rate gives the number of measured
-        strides
+    stride, and zeros would state that the leg stays in its plane. The sagittal rate gives the number of measured strides
     for all three. While it is less than the filler needs, samples are masked as lost, accelerometer included: a held
     rate would rotate the leg by a large angle. A sample that the sensor's mask hides has no accelerometer and stays
     masked, unless `gyro_on` shows that only the gyroscope was off, as in a file whose gyroscope columns are partly
@@ -160,7 +161,7 @@ def fill_recording(
     Args:
         recording: with sensors on thighs or shanks; other sensors stay as they are.
         schedule: hides samples of shanks; a duty cycle [1] is in units of 1.4 s; None: only masked samples are filled.
-        filler: name, see `jgait.duty_cycle.fillers.registry`; a shank's also uses the signals of a sensor on the thigh.
+        filler: name, see `jgait.duty_cycle.fillers.registry`, or a filler; a shank's also uses the signals of a sensor on the thigh.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake.
         warm_up: time for which gyroscopes are on before the schedule, which then begins with the off-time [s].
         sensor: the gyroscope, for its wake-up time.
@@ -190,11 +191,13 @@ def fill_recording(
         gyr, how = gyr @ axes, np.full(len(gyr), MEASURED)
         if not usable.all():
             if way.needs_acc and acc is None:
-                raise RecordingError(f"the filler {filler!r} needs an accelerometer; {name!r} has only a gyroscope")
+                raise RecordingError(
+                    f"the filler {way.fill.__name__!r} needs an accelerometer; {name!r} has only a gyroscope"
+                )
             beside = above.get(side) if name.startswith("shank") else None
             gyr, how = _filled(gyr, usable, acc, beside, way, recording.sampling_rate_hz)
             filled, held = np.mean(how == FILLED), np.mean(how == HELD)
-            notes.append(SLEEP_FILLED(placement=name, filled=filled, filler=filler, held=held))
+            notes.append(SLEEP_FILLED(placement=name, filled=filled, filler=way.fill.__name__, held=held))
         if name.startswith("thigh") and acc is not None:
             above[side] = Thigh(jnp.asarray(gyr[:, 0]), jnp.asarray(acc))
         there = np.asarray(imu.mask, bool) | (np.zeros(len(how), bool) if slept is None else ~np.asarray(slept))

@@ -81,15 +81,15 @@ def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):
     monkeypatch.setattr(Choice, "estimate", estimate)
     out = tmp_path / "out"
     words = ("--method", "duty_cycled_gyro", "--thigh", 0.4)
-    words += tuple(word for text in ("duty=0.5", "filler=ridge", "warm-up=5") for word in ("--option", text))
+    words += tuple(word for text in ("duty=0.5", "filler=replicate", "warm-up=5") for word in ("--option", text))
     code, said = run(csv, *words, "--out", out, "--json", out / "numbers.json", "--notes")
     assert code == 0, said
-    assert seen["options"].schedule == 0.5 and seen["options"].warm_up == 5.0 and seen["options"].filler == "ridge"
+    assert seen["options"].schedule == 0.5 and seen["options"].warm_up == 5.0 and seen["options"].filler == "replicate"
     assert seen["sensors"] == {"thigh_right", "shank_right"} and seen["p"].thigh_length.right == 0.4
-    assert type(seen["p"].filler).__name__ == "Ridge"
+    assert type(seen["p"].filler).__name__ == "Replicate"
     shown = (
         "hip right │ -17 … 17 °", "knee right │ -34 … 34 °", "measured │ 50 %", "held │ 2 %", "energy saved │ 40 %",
-        "battery life │ × 2.00", "gaps filled by ridge",
+        "battery life │ × 2.00", "gaps filled by replicate",
     )  # fmt: skip
     assert all(text in said for text in shown), said
     assert "For information: A fact" in said and "no --duty" not in said

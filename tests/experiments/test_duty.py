@@ -4,10 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made.gaps import COUNT, RATE_HZ, schedule, walk
 
 from experiments.common.row import Row
 from experiments.udaya2010 import figures, legs, tradeoff
 from experiments.udaya2010 import table2 as table
+from experiments.udaya2010.ridge import RIDGE, ridge
 from jgait.duty_cycle.fillers.registry import fillers
 
 
@@ -99,3 +101,20 @@ def test_figures_show_what_the_rows_say(monkeypatch, tmp_path):
     duty = {line.get_label(): line for line in shown["duty_error"].axes[0].get_lines()}
     np.testing.assert_allclose(duty["hold"].get_xydata(), [[10.0, 1.1], [50.0, 0.9]])
     assert len(duty["paper (Table 2)"].get_xydata()) == 9
+
+
+def test_ridge_is_the_batch_solution_of_what_was_measured():
+    rate, acc = walk(seed=6)
+    on = schedule()
+    found = ridge(rate, on, acc, RATE_HZ, RIDGE._replace(forget=0.99))
+    lags = np.arange(0, 21, 2)
+    rows = np.clip(np.arange(COUNT)[:, None] - lags, 0, None)
+    x = np.column_stack([(acc / RIDGE.acc_scale)[rows].reshape(COUNT, -1), np.ones(COUNT)])
+    for t in (150, 265):
+        seen = np.flatnonzero(on[:t])
+        count = 0.99 ** (len(seen) - 1 - np.arange(len(seen)))
+        gram = (x[seen] * count[:, None]).T @ x[seen] + RIDGE.penalty * 0.99 ** len(seen) * np.eye(x.shape[1])
+        weights = np.linalg.solve(gram, (x[seen] * count[:, None]).T @ rate[seen])
+        np.testing.assert_allclose(found.rate[t], x[t] @ weights, rtol=1e-7)
+    later = ridge(rate, on, acc, RATE_HZ, latency_s=0.1)  # knows more, and says so
+    assert int(later.latency) == 5 and not np.allclose(found.rate, later.rate)

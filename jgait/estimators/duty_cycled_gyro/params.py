@@ -73,9 +73,7 @@ class DutyCycledOptions(NamedTuple):
     """Which parts of the method are used.
 
     Attributes:
-        filler: name of the method that fills gaps, see `duty_cycle.fillers.registry`. The default has the smallest
-            error on a treadmill and for a shank sensor alone; over ground with the thigh's sensor "blend" has a smaller
-            error.
+        filler: name of the method that fills gaps, see `duty_cycle.fillers.registry`.
         schedule: hides samples of shanks while the gyroscope is off, a `power.Schedule` or duty cycle [1]; None: none.
         warm_up: time for which the gyroscopes are on before the schedule starts [s]; fillers need two measured strides.
         above: use the signals of the thigh in the filler of the shank, if the thigh has a sensor.

@@ -182,8 +182,8 @@ def test_recordings_and_masks_that_do_not_fit_are_refused(walk):
         duty_cycled_gyro.prepared(
             recording, gyro_on={"shank_left": np.zeros(recording.sensors["shank_left"].time.size, bool)}
         )
-    with pytest.raises(ValueError, match="the filler 'ridge' takes parameters of type Ridge.*got Neighbours"):
-        duty_cycled_gyro.estimate(P, recording, DEFAULT._replace(filler="ridge"))
+    with pytest.raises(ValueError, match="the filler 'replicate' takes parameters of type Replicate.*got Neighbours"):
+        duty_cycled_gyro.estimate(P, recording, DEFAULT._replace(filler="replicate"))
     with pytest.raises(ValueError, match="parameter 'filled_noise' must lie in"):
         duty_cycled_gyro.estimate(P._replace(filled_noise=-1.0), recording)
 
