@@ -152,8 +152,8 @@ def fill_recording(
 
     The filler fills the rate about the axis with the largest rate, the sagittal rate. The same filler fills the rates
     about the two perpendicular axes, each from its past and the same accelerometer: these rates also repeat with the
-    stride, and zeros would state that the leg stays in its plane. The sagittal rate gives the number of measured strides
-    for all three. While it is less than the filler needs, samples are masked as lost, accelerometer included: a held
+    stride, and zeros would state that the leg stays in its plane. The sagittal rate gives the number of measured
+    strides for all three. While it is less than the filler needs, samples are masked as lost, accelerometer included: a held
     rate would rotate the leg by a large angle. A sample that the sensor's mask hides has no accelerometer and stays
     masked, unless `gyro_on` shows that only the gyroscope was off, as in a file whose gyroscope columns are partly
     empty: {name: recording.sensors[name].mask}.
@@ -161,7 +161,7 @@ def fill_recording(
     Args:
         recording: with sensors on thighs or shanks; other sensors stay as they are.
         schedule: hides samples of shanks; a duty cycle [1] is in units of 1.4 s; None: only masked samples are filled.
-        filler: name, see `jgait.duty_cycle.fillers.registry`, or a filler; a shank's also uses the signals of a sensor on the thigh.
+        filler: a filler, or its name in `jgait.duty_cycle.fillers.registry`; a shank's also uses a thigh's signals.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake.
         warm_up: time for which gyroscopes are on before the schedule, which then begins with the off-time [s].
         sensor: the gyroscope, for its wake-up time.
@@ -174,6 +174,7 @@ def fill_recording(
         RecordingError: if there is no sensor on a thigh or shank, or no accelerometer for a filler that needs it.
     """
     way = check_filler(filler)
+    called = way.fill.__name__
     names = [f"{segment}_{side}" for side in SIDES for segment in SEGMENTS]
     names = [name for name in names if name in recording.sensors]
     if not names:
@@ -191,13 +192,11 @@ def fill_recording(
         gyr, how = gyr @ axes, np.full(len(gyr), MEASURED)
         if not usable.all():
             if way.needs_acc and acc is None:
-                raise RecordingError(
-                    f"the filler {way.fill.__name__!r} needs an accelerometer; {name!r} has only a gyroscope"
-                )
+                raise RecordingError(f"the filler {called!r} needs an accelerometer; {name!r} has only a gyroscope")
             beside = above.get(side) if name.startswith("shank") else None
             gyr, how = _filled(gyr, usable, acc, beside, way, recording.sampling_rate_hz)
             filled, held = np.mean(how == FILLED), np.mean(how == HELD)
-            notes.append(SLEEP_FILLED(placement=name, filled=filled, filler=way.fill.__name__, held=held))
+            notes.append(SLEEP_FILLED(placement=name, filled=filled, filler=called, held=held))
         if name.startswith("thigh") and acc is not None:
             above[side] = Thigh(jnp.asarray(gyr[:, 0]), jnp.asarray(acc))
         there = np.asarray(imu.mask, bool) | (np.zeros(len(how), bool) if slept is None else ~np.asarray(slept))

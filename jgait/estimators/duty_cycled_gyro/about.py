@@ -126,7 +126,8 @@ ABOUT = About(
             settings=lambda settings, value: _option(settings, schedule=value),
         ),
         CommandOption(
-            "--filler", "how gaps are filled, such as neighbours or replicate; a wrong name lists all.", str, parse=_filler,
+            "--filler", "how gaps are filled, such as neighbours or replicate; a wrong name lists all.", str,
+            parse=_filler,
             settings=lambda settings, value: _option(settings, filler=value),
         ),
         CommandOption(
