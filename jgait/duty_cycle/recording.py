@@ -150,13 +150,13 @@ def fill_recording(
 
     The deviations of that estimator do not contain the errors of filled samples: angles can be off by far more.
 
-    The filler fills the rate about the axis with the largest rate, the sagittal rate. The same filler fills the rates
-    about the two perpendicular axes, each from its past and the same accelerometer: these rates also repeat with the
-    stride, and zeros would state that the leg stays in its plane. The sagittal rate gives the number of measured
-    strides for all three. While it is less than the filler needs, samples are masked as lost, accelerometer included: a held
-    rate would rotate the leg by a large angle. A sample that the sensor's mask hides has no accelerometer and stays
-    masked, unless `gyro_on` shows that only the gyroscope was off, as in a file whose gyroscope columns are partly
-    empty: {name: recording.sensors[name].mask}.
+    The filler fills the rate about the axis with the largest rate, the sagittal rate. The same filler fills the
+    rates about the two perpendicular axes, each from its past and the same accelerometer: these rates also repeat
+    with the stride, and zeros would state that the leg stays in its plane. The sagittal rate gives the number of
+    measured strides for all three. While it is less than the filler needs, samples are masked as lost,
+    accelerometer included: a held rate would rotate the leg by a large angle. A sample that the sensor's mask hides
+    has no accelerometer and stays masked, unless `gyro_on` shows that only the gyroscope was off, as in a file
+    whose gyroscope columns are partly empty: {name: recording.sensors[name].mask}.
 
     Args:
         recording: with sensors on thighs or shanks; other sensors stay as they are.

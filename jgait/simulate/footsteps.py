@@ -36,61 +36,34 @@ START, CLOSE = 1.5, 1.2
 
 @record
 class Plan(NamedTuple):
-    """Footholds (K,) and, between one contact and the next, the curves of time and of the pelvis (K − 1, CURVE).
+    """Footholds (K,) and, between one contact and the next, the curves of time and of the pelvis (K − 1, CURVE)."""
 
-    Attributes:
-        x: x of the point under the ankle [m].
-        y: y of the point under the ankle [m].
-        z: height of the ground at that point [m].
-        foot_yaw: yaw of the foot [rad].
-        slope: pitch of the ground along the foot [rad].
-        side: 1 for a foothold of the left foot, −1 for one of the right.
-        toe_up: pitch of the foot at landing [rad].
-        early: 1 where the heel is down before the landing, 0 where it comes down with the landing, on a flat foot.
-        heel_up: pitch of the foot at toe-off, heel up [rad].
-        off: steps after landing at which the heel begins to rise [1].
-        leave: steps after landing at which the toes begin to leave [1]; they are off `feet.LINGER` later.
-        lift: lift of the foot in the swing to the next but one foothold [m].
-        out: motion of the foot to the left in that swing [m].
-        stood: 1 for the footholds on which the feet stand at the start, else 0.
-        contact: time of landing [s].
-        time_curve: time [s] over the clock.
-        x_curve: x of the pelvis [m].
-        y_curve: y of the pelvis [m].
-        z_curve: height of the pelvis, without its rise and fall within a step [m].
-        dip: additional fall of the pelvis within a step, where the legs are too short [m].
-        heading_curve: heading of the pelvis [rad].
-        distance_curve: distance along the route, walked by the hips [m].
-        walking_curve: 1 while walking, 0 while standing.
-        end: the clock at the end of the walk [1].
-        shape: shapes of the movement.
-    """
-
-    x: Values
-    y: Values
-    z: Values
-    foot_yaw: Values
-    slope: Values
-    side: Values
-    toe_up: Values
+    x: Values  #: x of the point under the ankle [m].
+    y: Values  #: y of the point under the ankle [m].
+    z: Values  #: height of the ground at that point [m].
+    foot_yaw: Values  #: yaw of the foot [rad].
+    slope: Values  #: pitch of the ground along the foot [rad].
+    side: Values  #: 1 for a foothold of the left foot, −1 for one of the right.
+    toe_up: Values  #: pitch of the foot at landing [rad].
+    #: 1 where the heel is down before the landing, 0 where it comes down with the landing, on a flat foot.
     early: Values
-    heel_up: Values
-    off: Values
-    leave: Values
-    lift: Values
-    out: Values
-    stood: Values
-    contact: Values
-    time_curve: Values
-    x_curve: Values
-    y_curve: Values
-    z_curve: Values
-    dip: Values
-    heading_curve: Values
-    distance_curve: Values
-    walking_curve: Values
-    end: Values
-    shape: Movement
+    heel_up: Values  #: pitch of the foot at toe-off, heel up [rad].
+    off: Values  #: steps after landing at which the heel begins to rise [1].
+    leave: Values  #: steps after landing at which the toes begin to leave [1]; they are off `feet.LINGER` later.
+    lift: Values  #: lift of the foot in the swing to the next but one foothold [m].
+    out: Values  #: motion of the foot to the left in that swing [m].
+    stood: Values  #: 1 for the footholds on which the feet stand at the start, else 0.
+    contact: Values  #: time of landing [s].
+    time_curve: Values  #: time [s] over the clock.
+    x_curve: Values  #: x of the pelvis [m].
+    y_curve: Values  #: y of the pelvis [m].
+    z_curve: Values  #: height of the pelvis, without its rise and fall within a step [m].
+    dip: Values  #: additional fall of the pelvis within a step, where the legs are too short [m].
+    heading_curve: Values  #: heading of the pelvis [rad].
+    distance_curve: Values  #: distance along the route, walked by the hips [m].
+    walking_curve: Values  #: 1 while walking, 0 while standing.
+    end: Values  #: the clock at the end of the walk [1].
+    shape: Movement  #: shapes of the movement.
 
 
 def reach(body: Body, knee: Values) -> Values:

@@ -14,23 +14,15 @@ from jgait.types import AnyArray, Values, check_kind, check_number
 
 @record
 class Route(NamedTuple):
-    """The line of the walk, midway between the feet, piece after piece, from the origin along x.
+    """The line of the walk, midway between the feet, piece after piece, from the origin along x."""
 
-    Attributes:
-        length: (n,) length of each piece [m].
-        turn: (n,) change of the heading along the piece, counter-clockwise [rad].
-        slope: (n,) metres up for each metre forward [1].
-        speed: (n,) walking speed on the piece, over the speed of the gait [1].
-        riser: (n,) height of a stair, climbed (or, if negative, descended) at every step [m].
-        on_spot: (n,) 1 where the person turns on the spot: the length of the piece is then that of the usual steps
-            which the turn takes, and nobody gets ahead; else 0 [1].
-    """
-
-    length: Values
-    turn: Values
-    slope: Values
-    speed: Values
-    riser: Values
+    length: Values  #: (n,) length of each piece [m].
+    turn: Values  #: (n,) change of the heading along the piece, counter-clockwise [rad].
+    slope: Values  #: (n,) metres up for each metre forward [1].
+    speed: Values  #: (n,) walking speed on the piece, over the speed of the gait [1].
+    riser: Values  #: (n,) height of a stair, climbed (or, if negative, descended) at every step [m].
+    #: (n,) 1 where the person turns on the spot: the length of the piece is then that of the usual steps which the turn
+    #: takes, and nobody gets ahead; else 0 [1].
     on_spot: Values
 
 

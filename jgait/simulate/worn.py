@@ -56,18 +56,12 @@ def mount(body: Body, placement: str) -> Vector:
 
 @record
 class Truth(NamedTuple):
-    """The reference of a simulated walk.
+    """The reference of a simulated walk."""
 
-    Attributes:
-        estimate: joint angles, positions of the insteps (of sensors worn there), distance and strides in the type of an
-            estimate.
-        motion: motion of all segments, a `Motion` of `Segments` at the times of the estimate.
-        plan: footholds and their times.
-    """
-
+    #: joint angles, positions of the insteps (of sensors worn there), distance and strides in the type of an estimate.
     estimate: Estimate
-    motion: Motion[Segments[Frame]]
-    plan: Plan
+    motion: Motion[Segments[Frame]]  #: motion of all segments, a `Motion` of `Segments` at the times of the estimate.
+    plan: Plan  #: footholds and their times.
 
     @property
     def strides(self) -> Strides:

@@ -33,24 +33,18 @@ if TYPE_CHECKING:
 
 @record
 class CrossValidation[P](NamedTuple):
-    """The result of a cross-validation.
+    """The result of a cross-validation."""
 
-    Attributes:
-        table: one row for each subject (index `subject`), with the errors of the fit that held the subject out: `fold`,
-            `n` (items), `error_before` and `error_after` (means over the subject's items), `change` (after − before);
-            in the unit of `error`, or of the loss where there is none.
-        items: one row for each item: `item subject fold error_before error_after`.
-        params: the parameters of each fold, natural units; a free parameter has a leading axis (F,).
-        losses: (F, starts) training loss of every fit; the start with the lowest one gives the fold's parameters.
-        left_out: (F,) number of items in a fold's training part that were left out, see `tune.fit`.
-        fit: the fit to all items, beside those of the folds in one program; as `tune.fit` gives it, with its warnings.
-    """
-
+    #: one row for each subject (index `subject`), with the errors of the fit that held the subject out: `fold`, `n`
+    #: (items), `error_before` and `error_after` (means over the subject's items), `change` (after − before); in the
+    #: unit of `error`, or of the loss where there is none.
     table: "pd.DataFrame"
-    items: "pd.DataFrame"
-    params: P
+    items: "pd.DataFrame"  #: one row for each item: `item subject fold error_before error_after`.
+    params: P  #: the parameters of each fold, natural units; a free parameter has a leading axis (F,).
+    #: (F, starts) training loss of every fit; the start with the lowest one gives the fold's parameters.
     losses: np.ndarray
-    left_out: np.ndarray
+    left_out: np.ndarray  #: (F,) number of items in a fold's training part that were left out, see `tune.fit`.
+    #: the fit to all items, beside those of the folds in one program; as `tune.fit` gives it, with its warnings.
     fit: Fit[P]
 
 

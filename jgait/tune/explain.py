@@ -53,30 +53,19 @@ decisions stay as they are."""
 
 @record
 class Assumption(NamedTuple):
-    """One assumption, and what it does to a number.
+    """One assumption, and what it does to a number."""
 
-    Attributes:
-        name: parameter, or error of a sensor with its placement.
-        deviation: standard deviation of the assumption, in `unit`; NaN where none is stated.
-        unit: unit of the deviation.
-        source: where the deviation is stated.
-        effect: standard deviation of the number by this assumption, in SI units; of a parameter with the sign of the
-            gradient; NaN where no deviation is stated.
-        tenth: change of the number when the parameter grows by a tenth, in SI units; NaN for a sensor.
-        share: share of the variance of the number by all assumptions [1].
-        without: standard deviation of the number if `remedy` were done.
-        remedy: what would reduce it; "" where nothing is known to.
-    """
-
-    name: str
-    deviation: float
-    unit: str
-    source: str
+    name: str  #: parameter, or error of a sensor with its placement.
+    deviation: float  #: standard deviation of the assumption, in `unit`; NaN where none is stated.
+    unit: str  #: unit of the deviation.
+    source: str  #: where the deviation is stated.
+    #: standard deviation of the number by this assumption, in SI units; of a parameter with the sign of the gradient;
+    #: NaN where no deviation is stated.
     effect: float
-    tenth: float
-    share: float
-    without: float
-    remedy: str
+    tenth: float  #: change of the number when the parameter grows by a tenth, in SI units; NaN for a sensor.
+    share: float  #: share of the variance of the number by all assumptions [1].
+    without: float  #: standard deviation of the number if `remedy` were done.
+    remedy: str  #: what would reduce it; "" where nothing is known to.
 
     @property
     def words(self) -> str:
@@ -86,21 +75,13 @@ class Assumption(NamedTuple):
 
 @record
 class Explanation(NamedTuple):
-    """Which assumptions move a number of a recording.
+    """Which assumptions move a number of a recording."""
 
-    Attributes:
-        measure: name of the number, such as "stride_length".
-        value: the number, in the SI unit.
-        stddev: standard deviation of the number by all assumptions with a stated deviation, in the SI unit.
-        assumptions: the largest effect first; those without a stated deviation are last.
-        estimator: name of the estimator.
-    """
-
-    measure: str
-    value: float
-    stddev: float
-    assumptions: tuple[Assumption, ...]
-    estimator: str
+    measure: str  #: name of the number, such as "stride_length".
+    value: float  #: the number, in the SI unit.
+    stddev: float  #: standard deviation of the number by all assumptions with a stated deviation, in the SI unit.
+    assumptions: tuple[Assumption, ...]  #: the largest effect first; those without a stated deviation are last.
+    estimator: str  #: name of the estimator.
 
     @property
     def column(self) -> Column:
@@ -137,11 +118,9 @@ class Explanation(NamedTuple):
         return pd.DataFrame([a._asdict() for a in self.assumptions])
 
 
-class _Number(NamedTuple):
-    """A number as a weighted sum over an array of the estimate."""
-
-    path: tuple[str, ...]  #: fields that lead to the array, of `Estimate`; of `Legs`, the sum over both.
-    weights: tuple[np.ndarray, ...]
+type _Number = tuple[tuple[str, ...], tuple[np.ndarray, ...]]
+"""A number as a weighted sum over an array: the fields of `Estimate` that lead to it (of `Legs`, the sum over both),
+and the weights."""
 
 
 def with_error(recording: Recording, placement: str, error: str, values: npt.ArrayLike) -> Recording:
@@ -205,16 +184,14 @@ def explain(
     check_recording(recording)
     check_params(params, estimator.transforms, estimator.params)
     prepared = estimator.prepare(recording)
-    samples = bucket(len(prepared.inputs.time))
-    inputs = pad(prepared.inputs, samples)
     raw = estimator._replace(in_parts=None).computed(params, prepared)
-    number = _number(measure, raw, estimator.finished(raw, prepared), estimator)
-    leaves, structure = jax.tree.flatten(inputs)
+    path, weights = _number(measure, raw, estimator.finished(raw, prepared), estimator)
+    leaves, structure = jax.tree.flatten(pad(prepared.inputs, bucket(len(prepared.inputs.time))))
     flat = [np.asarray(leaf) for leaf in leaves]
     floats = [k for k, leaf in enumerate(flat) if leaf.dtype.kind == "f"]
     value, of_params, slopes = compiled(_slopes)(
-        params, [flat[k] for k in floats], flat, number.weights,
-        run=estimator.run, options=prepared.options, path=number.path, structure=structure, floats=tuple(floats),
+        params, [flat[k] for k in floats], flat, weights,
+        run=estimator.run, options=prepared.options, path=path, structure=structure, floats=tuple(floats),
     )  # fmt: skip
     assumptions = [
         _of_parameter(name, known, params, of_params, estimator)
@@ -245,33 +222,29 @@ def _of_sensors(
     Source: A. R. Curtis, M. J. D. Powell and J. K. Reid, "On the estimation of sparse Jacobian matrices", IMA Journal
     of Applied Mathematics 13(1), 1974.
     """
-    deviations = {error: float(getattr(sensor, error)) for error in CALIBRATION}
-    some = SMALL * np.array([1.0, 0.7, 0.4])
 
-    def erring(placements: Sequence[str], errors: Mapping[str, np.ndarray]) -> Recording:
-        changed = recording
-        for placement, (error, values) in itertools.product(placements, errors.items()):
-            changed = with_error(changed, placement, error, values)
-        return changed
+    def erring(placements: Sequence[str], errors: Mapping[str, npt.ArrayLike]) -> Recording:
+        pairs = itertools.product(placements, errors.items())
+        return reduce(lambda changed, pair: with_error(changed, pair[0], *pair[1]), pairs, recording)
 
-    every = {error: deviation * some for error, deviation in deviations.items()}
+    every = {error: SMALL * getattr(sensor, error) * np.array([1.0, 0.7, 0.4]) for error in CALIBRATION}
     alone = len(recording.sensors) == 1  # its errors reach all that any error reaches
-    reached = {placement: np.array(True) if alone else changes(erring([placement], every))[0]
-               for placement in recording.sensors}  # fmt: skip
+    reached = {name: np.array(True) if alone else changes(erring([name], every))[0] for name in recording.sensors}
     groups: list[list[str]] = []
     for placement in (name for name, moved in reached.items() if moved.any()):
-        others = (g for g in groups if not any(np.any(reached[placement] & reached[other]) for other in g))
-        if (group := next(others, None)) is None:
+        apart = (g for g in groups if not any(np.any(reached[placement] & reached[other]) for other in g))
+        if (group := next(apart, None)) is None:
             groups.append(group := [])
         group.append(placement)
     for group, (error, (text, unit, remedy)) in itertools.product(groups, CALIBRATION.items()):
+        deviation = float(getattr(sensor, error))
         # the angle of the mounting is about a random axis
-        each = deviations[error] / math.sqrt(3.0) if error == "mounting" else deviations[error]
+        each = deviation / math.sqrt(3.0) if error == "mounting" else deviation
         axes = [changes(erring(group, {error: row}))[1] / SMALL for row in SMALL * each * np.eye(3) if each]
         for placement in group:
             effect = math.hypot(*(axis[reached[placement]].sum() for axis in axes))
             name = f"{text}, {placement}"
-            yield Assumption(name, deviations[error], unit, "sensor", effect, math.nan, 0.0, math.nan, remedy)
+            yield Assumption(name, deviation, unit, "sensor", effect, math.nan, 0.0, math.nan, remedy)
 
 
 def _number(measure: str, raw: Estimate, final: Estimate, estimator: Estimator[PyTree, PyTree]) -> _Number:
@@ -280,13 +253,13 @@ def _number(measure: str, raw: Estimate, final: Estimate, estimator: Estimator[P
     """
     last = np.flatnonzero(np.asarray(final.valid, bool))
     if measure == "distance" and raw.distance is not None and last.size:
-        return _Number(("distance",), (_at(raw.time, last[[-1, 0]], [1.0, -1.0]),))
+        return ("distance",), (_at(raw.time, last[[-1, 0]], [1.0, -1.0]),)
     legs = [leg for leg in final.legs if leg is not None]
     if measure in JOINTS and legs and last.size:
         angles = [as_float(getattr(leg, JOINTS[measure]))[last] for leg in legs]
         ends = [last[[np.nanargmax(angle), np.nanargmin(angle)]] for angle in angles]
         weights = np.array([1.0, -1.0]) / len(legs)
-        return _Number(("legs", JOINTS[measure]), tuple(_at(raw.time, rows, weights) for rows in ends))
+        return ("legs", JOINTS[measure]), tuple(_at(raw.time, rows, weights) for rows in ends)
     fields = {} if raw.strides is None else {
         COLUMNS[column].quantity: field for column, (field, _) in STRIDE_COLUMNS.items()
         if field and (values := getattr(raw.strides, field)) is not None and np.any(np.isfinite(values))
@@ -303,7 +276,7 @@ def _number(measure: str, raw: Estimate, final: Estimate, estimator: Estimator[P
     rows = rows[np.isfinite(as_float(values)[rows])]
     if not rows.size:
         raise RecordingError(f"no regular stride has a {QUANTITIES[measure].words}")
-    return _Number(("strides", fields[measure]), (_at(values, rows, 1.0 / rows.size),))
+    return ("strides", fields[measure]), (_at(values, rows, 1.0 / rows.size),)
 
 
 def _at(like: AnyArray, rows: npt.ArrayLike, weights: npt.ArrayLike) -> np.ndarray:
@@ -337,13 +310,14 @@ def _deviations(params: PyTree, given: Mapping[str, float], person: Mapping[str,
     known = stated(params)
     if unknown := [name for name in given if name not in known]:
         raise ValueError(f"there is no parameter {unknown[0]!r}; there are {', '.join(known)}")
-    height = person.get("height")
     for name, declared in known.items():
-        if name in person:
+        if name in given:
+            known[name] = Stated(float(given[name]), declared.unit, "given")
+        elif name in person:
             known[name] = Stated(TAPE_SD, declared.unit, "tape")
-        elif name in SHARES and height is not None and math.isnan(declared.deviation):
-            known[name] = Stated(SHARE_SD * float(height), declared.unit, "proportions")
-    return known | {name: Stated(float(sd), known[name].unit, "given") for name, sd in given.items()}
+        elif name in SHARES and "height" in person and math.isnan(declared.deviation):
+            known[name] = Stated(SHARE_SD * float(person["height"]), declared.unit, "proportions")
+    return known
 
 
 def _of_parameter(

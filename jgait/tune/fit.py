@@ -35,38 +35,30 @@ from jgait.types import AnyArray, Maybe, check_key, check_kind, people
 
 @record
 class Fit[P](NamedTuple):
-    """A finished fit.
+    """A finished fit."""
 
-    Attributes:
-        params: the parameters of the step with the lowest loss, natural units; on the validation items if there are
-            any, else on the training items. A fixed parameter is the same object as in the argument.
-        free: `params` in unconstrained coordinates; None where fixed.
-        losses: (steps,) loss at the start of each step, over the minibatch if there is one; always finite. A fit of
-            which no parameter is learned stops after its first step.
-        gradient_norms: (steps,) norm of the gradient in unconstrained coordinates at the start of each step.
-        accepted: (steps,) bool; False where the step led to a loss or gradient that is not finite and was undone;
-            without an optimizer also where the step did not lower the loss.
-        best_loss: the loss that selected `params`.
-        validation: (steps,) loss on the validation items after each step, or on all items if there are minibatches;
-            NaN where that loss was not computed.
-        left_out: numbers of the items left out, because their loss or gradient was not finite at the start.
-        subjects: labels of the subjects, in the order of the leading axis of parameters per subject.
-        not_learned: names of the free parameters that kept their start, for their gradient vanishes; see the warning.
-        per_subject: names of the parameters that have a value for each subject.
-        best_step: number of the step that led to `params`; 0: no step lowered the loss, and `params` are the start.
-    """
-
+    #: the parameters of the step with the lowest loss, natural units; on the validation items if there are any, else on
+    #: the training items. A fixed parameter is the same object as in the argument.
     params: P
-    free: P
+    free: P  #: `params` in unconstrained coordinates; None where fixed.
+    #: (steps,) loss at the start of each step, over the minibatch if there is one; always finite. A fit of which no
+    #: parameter is learned stops after its first step.
     losses: np.ndarray
-    gradient_norms: np.ndarray
+    gradient_norms: np.ndarray  #: (steps,) norm of the gradient in unconstrained coordinates at the start of each step.
+    #: (steps,) bool; False where the step led to a loss or gradient that is not finite and was undone; without an
+    #: optimizer also where the step did not lower the loss.
     accepted: np.ndarray
-    best_loss: float
+    best_loss: float  #: the loss that selected `params`.
+    #: (steps,) loss on the validation items after each step, or on all items if there are minibatches; NaN where that
+    #: loss was not computed.
     validation: np.ndarray
+    #: numbers of the items left out, because their loss or gradient was not finite at the start.
     left_out: tuple[int, ...]
-    subjects: tuple[str, ...]
+    subjects: tuple[str, ...]  #: labels of the subjects, in the order of the leading axis of parameters per subject.
+    #: names of the free parameters that kept their start, for their gradient vanishes; see the warning.
     not_learned: tuple[str, ...] = ()
-    per_subject: tuple[str, ...] = ()
+    per_subject: tuple[str, ...] = ()  #: names of the parameters that have a value for each subject.
+    #: number of the step that led to `params`; 0: no step lowered the loss, and `params` are the start.
     best_step: int = 0
 
     def of(self, subject: Hashable) -> P:

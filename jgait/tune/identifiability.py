@@ -36,52 +36,31 @@ ROUNDINGS = 1000.0
 
 @record
 class Identifiability(NamedTuple):
-    """How well the data determine p free numbers; `sentences` reports it in words.
+    """How well the data determine p free numbers; `sentences` reports it in words."""
 
-    Attributes:
-        names: names of the numbers, such as "thigh_length.right" or "level[0]".
-        transforms: name of each number's transform.
-        values: (p,) the numbers in natural units.
-        free: (p,) the numbers in free coordinates.
-        loss: sum of the items' losses and the prior's penalty [nat].
-        gradient: (p,) gradient of that sum in free coordinates.
-        decrement: gᵀ B⁻¹ g over the determined directions, B the covariance of the gradient: squared length of the
-            step to the optimum in standard errors. Well below 1 at an optimum.
-        information: (p, p) in free coordinates: second derivatives of the loss.
-        covariance: (p, p) in free coordinates; directions without information have a huge but finite variance.
-        correlation: (p, p); ±1 for exactly singular pairs.
-        stderr_free: (p,) standard errors in free coordinates; infinite without information.
-        stderr: (p,) standard errors in natural units, by the slope of the transform.
-        low: (p,) lower ends of the confidence intervals in natural units, inside the bounds.
-        high: (p,) upper ends of the confidence intervals.
-        determined: (p,) bool, whether the standard error is within the limit.
-        directions: the directions that are not determined, the largest standard deviation first.
-        minimum: False where the loss curves downwards or its curvature is not finite.
-        undetermined: names of the numbers that are not determined.
-        sentences: the results in words.
-        level: confidence level of the intervals.
-    """
-
-    names: tuple[str, ...]
-    transforms: tuple[str, ...]
-    values: np.ndarray
-    free: np.ndarray
-    loss: float
-    gradient: np.ndarray
+    names: tuple[str, ...]  #: names of the numbers, such as "thigh_length.right" or "level[0]".
+    transforms: tuple[str, ...]  #: name of each number's transform.
+    values: np.ndarray  #: (p,) the numbers in natural units.
+    free: np.ndarray  #: (p,) the numbers in free coordinates.
+    loss: float  #: sum of the items' losses and the prior's penalty [nat].
+    gradient: np.ndarray  #: (p,) gradient of that sum in free coordinates.
+    #: gᵀ B⁻¹ g over the determined directions, B the covariance of the gradient: squared length of the step to the
+    #: optimum in standard errors. Well below 1 at an optimum.
     decrement: float
-    information: np.ndarray
+    information: np.ndarray  #: (p, p) in free coordinates: second derivatives of the loss.
+    #: (p, p) in free coordinates; directions without information have a huge but finite variance.
     covariance: np.ndarray
-    correlation: np.ndarray
-    stderr_free: np.ndarray
-    stderr: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    determined: np.ndarray
-    directions: tuple[Direction, ...]
-    minimum: bool
-    undetermined: list[str]
-    sentences: list[str]
-    level: float
+    correlation: np.ndarray  #: (p, p); ±1 for exactly singular pairs.
+    stderr_free: np.ndarray  #: (p,) standard errors in free coordinates; infinite without information.
+    stderr: np.ndarray  #: (p,) standard errors in natural units, by the slope of the transform.
+    low: np.ndarray  #: (p,) lower ends of the confidence intervals in natural units, inside the bounds.
+    high: np.ndarray  #: (p,) upper ends of the confidence intervals.
+    determined: np.ndarray  #: (p,) bool, whether the standard error is within the limit.
+    directions: tuple[Direction, ...]  #: the directions that are not determined, the largest standard deviation first.
+    minimum: bool  #: False where the loss curves downwards or its curvature is not finite.
+    undetermined: list[str]  #: names of the numbers that are not determined.
+    sentences: list[str]  #: the results in words.
+    level: float  #: confidence level of the intervals.
 
 
 def _partners(correlation: np.ndarray, i: int) -> list[int]:

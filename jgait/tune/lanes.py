@@ -25,21 +25,13 @@ if TYPE_CHECKING:
 
 
 class Progress(NamedTuple):
-    """The state of a fit; of several fits, of the fit with the best score.
+    """The state of a fit; of several fits, of the fit with the best score."""
 
-    Attributes:
-        done: number of steps done.
-        total: largest number of steps; `done` where every fit has stopped.
-        loss: current loss.
-        gradient_norm: current norm of the gradient, in unconstrained coordinates.
-        score: lowest score so far: the loss, or the loss on the validation items.
-    """
-
-    done: int
-    total: int
-    loss: float
-    gradient_norm: float
-    score: float
+    done: int  #: number of steps done.
+    total: int  #: largest number of steps; `done` where every fit has stopped.
+    loss: float  #: current loss.
+    gradient_norm: float  #: current norm of the gradient, in unconstrained coordinates.
+    score: float  #: lowest score so far: the loss, or the loss on the validation items.
 
 
 Report = Callable[[Progress], None]

@@ -28,58 +28,36 @@ from jgait.types import (
 
 @record
 class Windows(NamedTuple):
-    """The parts of a walk that a loss uses, in samples of the prepared inputs, half-open.
+    """The parts of a walk that a loss uses, in samples of the prepared inputs, half-open."""
 
-    Attributes:
-        look: samples compared with the reference; None for the whole walk.
-        standing: quiet standing, whose mean is subtracted from trajectories; None: trajectories are absolute.
-    """
-
-    look: tuple[int, int] | None = None
+    look: tuple[int, int] | None = None  #: samples compared with the reference; None for the whole walk.
+    #: quiet standing, whose mean is subtracted from trajectories; None: trajectories are absolute.
     standing: tuple[int, int] | None = None
 
 
 @record
 class Lesson(NamedTuple):
-    """A walk as one item of a fit; every leaf is an array, so lessons can be stacked and mapped over.
+    """A walk as one item of a fit; every leaf is an array, so lessons can be stacked and mapped over."""
 
-    Attributes:
-        inputs: prepared inputs of the estimator.
-        reference: reference at the times of the inputs, or None.
-        look: (T,) bool, samples that are compared with the reference.
-        standing: (T,) bool, standing whose mean is subtracted from trajectories; all False without standing.
-        first: first sample of the part whose walked distance is compared.
-        last: last sample of that part.
-        body: body measures of the person, for `Estimator.with_body`; empty if there are none.
-    """
-
-    inputs: PyTree
-    reference: PyTree
-    look: Bool[AnyArray, "*walk time"]
+    inputs: PyTree  #: prepared inputs of the estimator.
+    reference: PyTree  #: reference at the times of the inputs, or None.
+    look: Bool[AnyArray, "*walk time"]  #: (T,) bool, samples that are compared with the reference.
+    #: (T,) bool, standing whose mean is subtracted from trajectories; all False without standing.
     standing: Bool[AnyArray, "*walk time"]
-    first: Int[AnyArray, "*walk"]
-    last: Int[AnyArray, "*walk"]
-    body: dict[str, PyTree]
+    first: Int[AnyArray, "*walk"]  #: first sample of the part whose walked distance is compared.
+    last: Int[AnyArray, "*walk"]  #: last sample of that part.
+    body: dict[str, PyTree]  #: body measures of the person, for `Estimator.with_body`; empty if there are none.
 
 
 class Lessons(NamedTuple):
-    """The lessons of several walks.
+    """The lessons of several walks."""
 
-    Attributes:
-        data: a `Lesson` whose leaves have a leading axis (n,), for `tune.fit` and `tune.cross_validate`.
-        options: options of the estimator, the same for all walks.
-        subjects: (n,) subject of each walk, one name for each person, see `jgait.types.people`.
-        days: (n,) day of each walk as its set or table names it, "" where it is not known.
-        names: (n,) names of the recordings.
-        failures: (name, reason) of every walk that could not be used.
-    """
-
-    data: Lesson
-    options: PyTree
-    subjects: tuple[str, ...]
-    days: tuple[str, ...]
-    names: tuple[str, ...]
-    failures: tuple[tuple[str, str], ...]
+    data: Lesson  #: a `Lesson` whose leaves have a leading axis (n,), for `tune.fit` and `tune.cross_validate`.
+    options: PyTree  #: options of the estimator, the same for all walks.
+    subjects: tuple[str, ...]  #: (n,) subject of each walk, one name for each person, see `jgait.types.people`.
+    days: tuple[str, ...]  #: (n,) day of each walk as its set or table names it, "" where it is not known.
+    names: tuple[str, ...]  #: (n,) names of the recordings.
+    failures: tuple[tuple[str, str], ...]  #: (name, reason) of every walk that could not be used.
 
     def __repr__(self) -> str:
         left = "; ".join(f"{names}: {reason}" for reason, names in by_reason(self.failures).items())

@@ -109,20 +109,13 @@ def likelihood(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
 
 @record
 class Loss(NamedTuple):
-    """A loss by which walks are tuned and judged.
+    """A loss by which walks are tuned and judged."""
 
-    Attributes:
-        term: the loss of an estimate; smooth, in squared units or in nats.
-        error: the error that is reported for a walk.
-        unit: unit of the error.
-        words: name of the error.
-        needs: fields of the reference, one of which is enough, such as "strides.length"; empty: no reference.
-    """
-
-    term: Term
-    error: Term
-    unit: str
-    words: str
+    term: Term  #: the loss of an estimate; smooth, in squared units or in nats.
+    error: Term  #: the error that is reported for a walk.
+    unit: str  #: unit of the error.
+    words: str  #: name of the error.
+    #: fields of the reference, one of which is enough, such as "strides.length"; empty: no reference.
     needs: tuple[str, ...]
 
 
@@ -239,20 +232,13 @@ class Objective:
     """(params, lesson) → scalar, for `tune.fit`, `tune.cross_validate` and `tune.identifiability`.
 
     Two objectives with equal fields are equal and share compiled programs.
-
-    Attributes:
-        run: `run` of the estimator.
-        with_body: `with_body` of the estimator.
-        options: options of the estimator.
-        terms: (name or function, weight) of each term.
-        likelihood: `likelihood` of the estimator.
     """
 
-    run: Callable[..., Estimate]
-    with_body: Callable[..., PyTree]
-    options: Hashable
-    terms: tuple[tuple[str | Term, float], ...]
-    likelihood: Callable[..., Float[Array, ""]] | None = None
+    run: Callable[..., Estimate]  #: `run` of the estimator.
+    with_body: Callable[..., PyTree]  #: `with_body` of the estimator.
+    options: Hashable  #: options of the estimator.
+    terms: tuple[tuple[str | Term, float], ...]  #: (name or function, weight) of each term.
+    likelihood: Callable[..., Float[Array, ""]] | None = None  #: `likelihood` of the estimator.
 
     def __call__(self, params: PyTree, lesson: Lesson) -> Float[Array, ""]:
         """The weighted sum of the terms, with the person's body measures in the parameters."""

@@ -26,23 +26,17 @@ from jgait.tune.remainder import loss_type, reduced
 
 @record
 class Profile(NamedTuple):
-    """A profiled parameter.
+    """A profiled parameter."""
 
-    Attributes:
-        name: name of the number, such as "thigh_length.right".
-        values: (V,) at which the number was held, natural units, ascending.
-        losses: (V,) total loss of the best fit of the other numbers [nat]; infinite where no loss was finite.
-        params: fitted parameters, natural units, leading axis (V,) in free leaves; a fixed one is the object given.
-        gradient_norms: (V,) of the total loss in the other free coordinates; large where `steps` is too small.
-        transform: transform of the number.
-    """
-
-    name: str
-    values: np.ndarray
+    name: str  #: name of the number, such as "thigh_length.right".
+    values: np.ndarray  #: (V,) at which the number was held, natural units, ascending.
+    #: (V,) total loss of the best fit of the other numbers [nat]; infinite where no loss was finite.
     losses: np.ndarray
+    #: fitted parameters, natural units, leading axis (V,) in free leaves; a fixed one is the object given.
     params: PyTree
+    #: (V,) of the total loss in the other free coordinates; large where `steps` is too small.
     gradient_norms: np.ndarray
-    transform: Transform
+    transform: Transform  #: transform of the number.
 
     @property
     def free(self) -> np.ndarray:

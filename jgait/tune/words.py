@@ -17,19 +17,12 @@ OFF = 0.25
 
 
 class Direction(NamedTuple):
-    """A combination of parameters in free coordinates.
+    """A combination of parameters in free coordinates."""
 
-    Attributes:
-        names: names of the parameters with large components.
-        weights: those components of the unit vector, the largest positive.
-        stddev: standard deviation along the direction; infinite without information.
-        words: the combination as text, for example "0.71 a1 − 0.71 rollover_radius".
-    """
-
-    names: tuple[str, ...]
-    weights: tuple[float, ...]
-    stddev: float
-    words: str
+    names: tuple[str, ...]  #: names of the parameters with large components.
+    weights: tuple[float, ...]  #: those components of the unit vector, the largest positive.
+    stddev: float  #: standard deviation along the direction; infinite without information.
+    words: str  #: the combination as text, for example "0.71 a1 − 0.71 rollover_radius".
 
 
 def direction(names: tuple[str, ...], vector: np.ndarray, stddev: float) -> Direction:

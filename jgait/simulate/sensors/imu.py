@@ -19,57 +19,34 @@ DEGREE = math.pi / 180.0
 
 @record
 class ImuErrors(NamedTuple):
-    """Errors and mounting of an inertial sensor; every field is a scalar, and the default switches the error off.
+    """Errors and mounting of an inertial sensor; every field is a scalar, and the default switches the error off."""
 
-    Attributes:
-        gyr_noise: density of the gyroscope's white noise [rad/s/√Hz].
-        gyr_bias: standard deviation over trials of the gyroscope's constant bias [rad/s].
-        gyr_drift: random walk of the gyroscope's bias [rad/s/√s].
-        gyr_scale: standard deviation over trials of the scale error of each axis [1].
-        gyr_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
-        gyr_range: rate at which the gyroscope saturates [rad/s]; inf: no saturation.
-        gyr_resolution: one step of the gyroscope's converter [rad/s].
-        acc_noise: density of the accelerometer's white noise [m/s²/√Hz].
-        acc_bias: standard deviation over trials of the accelerometer's constant bias [m/s²].
-        acc_drift: random walk of the accelerometer's bias [m/s²/√s].
-        acc_scale: standard deviation over trials of the scale error of each axis [1].
-        acc_bandwidth: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
-        acc_range: specific force at which the accelerometer saturates [m/s²]; inf: no saturation.
-        acc_resolution: one step of the accelerometer's converter [m/s²].
-        mounting: standard deviation of the angle by which the sensor is turned about a random axis [rad].
-        mounting_x: first component of the rotation vector from segment axes to sensor axes, constant over trials [rad].
-        mounting_y: second component of that rotation vector [rad].
-        mounting_z: third component of that rotation vector [rad].
-        packet_loss: probability that a single sample is lost [1].
-        sway: slow random turns of the sensor with the shoe or strap that it is on: standard deviation of their rate
-            over that of the segment's own rate in the last half second [1].
-        sway_arm: height of the sensor above the point about which it sways [m].
-        acc_jolt: vibration of the sensor in jolts, as when a heel lands: standard deviation of its acceleration over
-            the change of the specific force within `JOLT_S` [1]; readings at 200 Hz show two thirds of it, slower ones
-            less.
-    """
-
-    gyr_noise: Values = 0.0
-    gyr_bias: Values = 0.0
-    gyr_drift: Values = 0.0
-    gyr_scale: Values = 0.0
-    gyr_bandwidth: Values = math.inf
-    gyr_range: Values = math.inf
-    gyr_resolution: Values = 0.0
-    acc_noise: Values = 0.0
-    acc_bias: Values = 0.0
-    acc_drift: Values = 0.0
-    acc_scale: Values = 0.0
-    acc_bandwidth: Values = math.inf
-    acc_range: Values = math.inf
-    acc_resolution: Values = 0.0
-    mounting: Values = 0.0
+    gyr_noise: Values = 0.0  #: density of the gyroscope's white noise [rad/s/√Hz].
+    gyr_bias: Values = 0.0  #: standard deviation over trials of the gyroscope's constant bias [rad/s].
+    gyr_drift: Values = 0.0  #: random walk of the gyroscope's bias [rad/s/√s].
+    gyr_scale: Values = 0.0  #: standard deviation over trials of the scale error of each axis [1].
+    gyr_bandwidth: Values = math.inf  #: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
+    gyr_range: Values = math.inf  #: rate at which the gyroscope saturates [rad/s]; inf: no saturation.
+    gyr_resolution: Values = 0.0  #: one step of the gyroscope's converter [rad/s].
+    acc_noise: Values = 0.0  #: density of the accelerometer's white noise [m/s²/√Hz].
+    acc_bias: Values = 0.0  #: standard deviation over trials of the accelerometer's constant bias [m/s²].
+    acc_drift: Values = 0.0  #: random walk of the accelerometer's bias [m/s²/√s].
+    acc_scale: Values = 0.0  #: standard deviation over trials of the scale error of each axis [1].
+    acc_bandwidth: Values = math.inf  #: −3 dB frequency of a second-order Butterworth low-pass [Hz]; inf: none.
+    acc_range: Values = math.inf  #: specific force at which the accelerometer saturates [m/s²]; inf: no saturation.
+    acc_resolution: Values = 0.0  #: one step of the accelerometer's converter [m/s²].
+    mounting: Values = 0.0  #: standard deviation of the angle by which the sensor is turned about a random axis [rad].
+    #: first component of the rotation vector from segment axes to sensor axes, constant over trials [rad].
     mounting_x: Values = 0.0
-    mounting_y: Values = 0.0
-    mounting_z: Values = 0.0
-    packet_loss: Values = 0.0
+    mounting_y: Values = 0.0  #: second component of that rotation vector [rad].
+    mounting_z: Values = 0.0  #: third component of that rotation vector [rad].
+    packet_loss: Values = 0.0  #: probability that a single sample is lost [1].
+    #: slow random turns of the sensor with the shoe or strap that it is on: standard deviation of their rate over that
+    #: of the segment's own rate in the last half second [1].
     sway: Values = 0.0
-    sway_arm: Values = 0.0
+    sway_arm: Values = 0.0  #: height of the sensor above the point about which it sways [m].
+    #: vibration of the sensor in jolts, as when a heel lands: standard deviation of its acceleration over the change of
+    #: the specific force within `JOLT_S` [1]; readings at 200 Hz show two thirds of it, slower ones less.
     acc_jolt: Values = 0.0
 
 

@@ -14,25 +14,15 @@ from jgait.types import AnyArray, RangeReadings, Values
 
 @record
 class Ranging(NamedTuple):
-    """Settings and errors of an ultrasonic range sensor between the legs; every field is a scalar.
+    """Settings and errors of an ultrasonic range sensor between the legs; every field is a scalar."""
 
-    Attributes:
-        rate_hz: pings a second [Hz].
-        noise: standard deviation of the distance [m].
-        half_angle: greatest angle from the sender's axis at which the echo is detected [rad].
-        min_distance: least distance with a reading [m].
-        max_distance: greatest distance with a reading [m].
-        outlier: probability that a reading is a late echo [1].
-        outlier_size: mean additional distance of a late echo, exponentially distributed [m].
-    """
-
-    rate_hz: Values = 30.0
-    noise: Values = 0.0
-    half_angle: Values = math.pi / 12.0
-    min_distance: Values = 0.0
-    max_distance: Values = 4.0
-    outlier: Values = 0.0
-    outlier_size: Values = 0.0
+    rate_hz: Values = 30.0  #: pings a second [Hz].
+    noise: Values = 0.0  #: standard deviation of the distance [m].
+    half_angle: Values = math.pi / 12.0  #: greatest angle from the sender's axis at which the echo is detected [rad].
+    min_distance: Values = 0.0  #: least distance with a reading [m].
+    max_distance: Values = 4.0  #: greatest distance with a reading [m].
+    outlier: Values = 0.0  #: probability that a reading is a late echo [1].
+    outlier_size: Values = 0.0  #: mean additional distance of a late echo, exponentially distributed [m].
 
 
 def measure_range(
