@@ -41,7 +41,7 @@ def relaxed_power(duty: Any, period: Any, sensor: Sensor = GYROSCOPE, *, softnes
     # What the rounding leaves where there is no off-time is taken off again.
     floor = _soft_minimum(sensor.wake_up, 0.0 * off_time, softness)
     woken = _soft_minimum(sensor.wake_up, off_time, softness) - floor
-    return sensor.on * duty + sensor.off * (1.0 - duty) + (sensor.waking - sensor.off) * woken / period
+    return sensor.on * duty + sensor.off * (1.0 - duty) + (sensor.on - sensor.off) * woken / period
 
 
 def relaxed_masks(time: Any, duty: Any, period: Any, sensor: Sensor = GYROSCOPE, *, softness: Any = 0.02) -> Masks:

@@ -178,7 +178,7 @@ def triggered(
         raise ValueError(f"ahead_s must lie between the wake-up, {sensor.wake_up:g} s, and 10 s; got {ahead_s!r}")
     s = s._replace(rate=jnp.asarray(rate))
     lead, ahead = power.wake_samples(sensor, sampling_rate_hz), round(ahead_s * sampling_rate_hz)
-    prices = jnp.asarray([sensor.on, sensor.waking, sensor.off], s.rate.dtype)
+    prices = jnp.asarray([sensor.on, sensor.on, sensor.off], s.rate.dtype)
     params, filler = tree.map(lambda p: jnp.asarray(p).astype(s.rate.dtype), (params, filler))
     return _run(s, params, filler, prices, sampling_rate_hz, lead, ahead)
 

@@ -3,7 +3,7 @@ r"""Energy of a sensor that is switched off part of the time: power, schedules, 
 A schedule repeats m units on and n units off, each of u seconds. Before it measures, the sensor is powered for its
 wake-up time w. If w is part of the off-time, as in the paper, the mean power over the period c = (m + n) u is
 
-    p̄ = [p_on m u + p_wake min(w, n u) + p_off (n u − min(w, n u))] / c.
+    p̄ = [p_on (m u + min(w, n u)) + p_off (n u − min(w, n u))] / c.
 
 The paper's Table 2, duty cycle p/q in lowest terms, is p of q units of 1.4 s on: ten units, 10/q wake-ups in 14 s, a
 saving of 100 − duty − 100 · (0.2 s / 14 s) · 10/q percent of the gyroscope's energy. This gives all nine printed
@@ -24,7 +24,6 @@ from jaxtyping import Array, Bool, Float, Shaped
 
 from jgait.types import AnyArray
 
-JOULES_PER_WATT_HOUR = 3600.0
 PAPER_UNIT = 1.4
 """Unit of the paper's schedules [s]: a tenth of the paper's period of 14 s, about the duration of a stride."""
 
@@ -37,13 +36,7 @@ class Sensor(NamedTuple):
 
     on: float  #: power while the sensor measures [W].
     off: float = 0.0  #: power while the sensor is off [W].
-    wake: float | None = None  #: power while the sensor wakes up [W]; None: the same as while it measures.
-    wake_up: float = 0.0  #: time from power on to the first usable sample [s].
-
-    @property
-    def waking(self) -> float:
-        """Power while the sensor wakes up [W]."""
-        return self.on if self.wake is None else self.wake
+    wake_up: float = 0.0  #: time from power on to the first usable sample, in which it draws as much [s].
 
 
 GYROSCOPE = Sensor(on=30e-3, wake_up=0.2)
@@ -61,7 +54,7 @@ class Battery(NamedTuple):
     @classmethod
     def from_watt_hours(cls, energy: float) -> "Battery":
         """A battery with its energy in watt-hours [Wh]."""
-        return cls(energy * JOULES_PER_WATT_HOUR)
+        return cls(3600.0 * energy)
 
     def life(self, *powers: float) -> float:
         """The time that the battery lasts under the sum of mean powers [W], in seconds."""
@@ -102,7 +95,7 @@ def check_duty(duty: float) -> None:
 
 def check_sensor(sensor: Sensor) -> None:
     """Check the powers and times of a sensor. Raises ValueError if a power or time is negative or not finite."""
-    for name, value in (("on", sensor.on), ("off", sensor.off), ("wake", sensor.waking), ("wake_up", sensor.wake_up)):
+    for name, value in (("on", sensor.on), ("off", sensor.off), ("wake_up", sensor.wake_up)):
         if not (math.isfinite(value) and value >= 0.0):
             unit = "s" if name == "wake_up" else "W"
             raise ValueError(f"{name} of a sensor must be finite and not negative [{unit}]; got {value!r}")
@@ -124,16 +117,15 @@ def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
     if schedule.off == 0:
         return
     on_time, off_time = schedule.on * schedule.unit, schedule.off * schedule.unit
-    if sensor.wake_up > on_time:
-        raise ValueError(
-            f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its on-time of {on_time:g} s: it would "
-            f"spend more on waking than on measuring; make the unit or the duty cycle longer"
-        )
-    if sensor.wake_up > off_time:
-        raise ValueError(
-            f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its off-time of {off_time:g} s: it would "
-            f"never be off; make the unit longer or leave the sensor on"
-        )
+    for name, seconds, why in (
+        ("on", on_time, "would spend more on waking than on measuring; make the unit or the duty cycle longer"),
+        ("off", off_time, "would never be off; make the unit longer or leave the sensor on"),
+    ):
+        if sensor.wake_up > seconds:
+            raise ValueError(
+                f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its {name}-time of {seconds:g} s: it "
+                f"{why}"
+            )
 
 
 def schedule_of_duty(duty: float, unit: float = PAPER_UNIT, *, sensor: Sensor = GYROSCOPE) -> Schedule:
@@ -168,7 +160,7 @@ def mean_power(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
     wake = sensor.wake_up if schedule.off else 0.0
     on_time = schedule.on * schedule.unit
     asleep = schedule.period - on_time - wake
-    return (sensor.on * on_time + sensor.waking * wake + sensor.off * asleep) / schedule.period
+    return (sensor.on * (on_time + wake) + sensor.off * asleep) / schedule.period
 
 
 def saving(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
@@ -214,18 +206,9 @@ def powered_for(wanted: Bool[AnyArray, "time"], rate_hz: float, sensor: Sensor =
 
 
 def mask_energy(used: Masks, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Float[Array, ""]:
-    """Energy over a recording [J] from masks, boolean or relaxed to between 0 and 1; over T / rate_hz, the mean power.
-
-    A sensor that is powered but not usable wakes up.
-
-    Raises:
-        ValueError: if the masks differ in shape.
-    """
-    if np.shape(used.powered) != np.shape(used.usable):
-        raise ValueError(f"the masks must have one shape; got {np.shape(used.powered)} and {np.shape(used.usable)}")
+    """Energy over a recording [J] from masks, boolean or between 0 and 1; over T / rate_hz, the mean power."""
     # A boolean becomes the default floating type; a fraction keeps its floating type.
-    xp = np if isinstance(used.powered, np.ndarray) and isinstance(used.usable, np.ndarray) else jnp
-    powered, usable = (xp.where(m, 1.0, 0.0) if xp.asarray(m).dtype == bool else xp.asarray(m) for m in used)
-    on, good = xp.sum(powered), xp.sum(usable)
-    asleep = powered.shape[0] - on
-    return (sensor.on * good + sensor.waking * (on - good) + sensor.off * asleep) / rate_hz
+    xp = np if isinstance(used.powered, np.ndarray) else jnp
+    powered = xp.where(used.powered, 1.0, 0.0) if xp.asarray(used.powered).dtype == bool else xp.asarray(used.powered)
+    on = xp.sum(powered)
+    return (sensor.on * on + sensor.off * (powered.shape[0] - on)) / rate_hz
