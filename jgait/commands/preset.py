@@ -17,10 +17,10 @@ from jgait.commands.lessons import lessons_of, prepared
 from jgait.commands.pipeline import measures_of
 from jgait.commands.tune_report import ENOUGH, TuningOutcome
 from jgait.estimators import Estimator
-from jgait.params import constrain, freed, names, unconstrain
+from jgait.filtering import compiled
+from jgait.params import constrain, freed, names, normal, priors, stated, unconstrain
 from jgait.report.page import significant
 from jgait.tune import LOSSES, Lessons, Objective, lacking, objective
-from jgait.tune.identifiability import TOGETHER
 from jgait.tune.problem import kept
 from jgait.types import Walk
 
@@ -34,8 +34,11 @@ It determines what the reference leaves open: .2 nat a sample count as 1 % of th
 AGREED = 2.0
 """Least mean gradient of a parameter that is learned, over people [its standard errors]: people agree on the sign."""
 
-PEOPLE_EACH = 3
-"""Least number of people, or days, for each learned number."""
+MOVES = 0.01
+"""Least change of the loss with a parameter that is learned, as far as the parameter deviates [share of the loss]."""
+
+KNOWN = 0.1
+"""Deviation of a parameter without a stated one, over its value [1]: the tenth by which `tune.explain` moves it."""
 
 WALKS = 8
 """Largest number of walks of a public set by which a preset is judged; chosen for the time."""
@@ -78,43 +81,70 @@ def terms_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, 
     return objective(pipeline, made.options, terms)
 
 
+class Number(NamedTuple):
+    """A number among the parameters that could be learned."""
+
+    name: str
+    value: float
+    deviation: float  #: stated deviation in natural units; a tenth of the value where none is stated.
+    step: float  #: the same in the free coordinate.
+
+
+def numbers(pipeline: Estimator[PyTree, PyTree], start: PyTree) -> list[Number]:
+    """The numbers of the parameters that could be learned; not those of people's bodies."""
+    body = (m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline))
+    without, known, found = (*pipeline.unused, *body), stated(start), []
+    for name, transform, value in zip(
+        names(pipeline.transforms), *map(_leaves, (pipeline.transforms, start)), strict=True
+    ):
+        if transform.to_free is None or np.ndim(value) or any(f"{name}.".startswith(f"{other}.") for other in without):
+            continue
+        entry = known.get(name) or known.get(name.rpartition(".")[0])
+        deviation = KNOWN * abs(float(value)) if entry is None or np.isnan(entry.deviation) else entry.deviation
+        free = transform.to_free(jnp.asarray(value, float))
+        if deviation > 0.0 and np.isfinite(free):
+            found.append(
+                Number(name, float(value), deviation, deviation / abs(float(jax.grad(transform.to_natural)(free))))
+            )
+    return found
+
+
 def learnable(
     pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, groups: Sequence[str], terms: Objective
 ) -> list[str]:
-    """Names of the parameters on whose direction the references of the people, or days, agree, and that are not
-    collinear; the clearest first, at most one for each `PEOPLE_EACH` groups. Exits with code 2 if there is none.
+    """Names of the parameters that move the loss as far as they deviate, in the same direction by the references of all
+    people, or days; exits with code 2 if there is none, or if there are too few people for a verdict.
     """
-    body = (m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline))
-    without = (*pipeline.unused, *body)
-    free = [
-        name
-        for name, transform, value in zip(
-            names(pipeline.transforms), *map(_leaves, (pipeline.transforms, start)), strict=True
-        )
-        if transform.to_free is not None and np.ndim(value) == 0
-        and np.isfinite(transform.to_free(jnp.asarray(value)))
-        and not any(name == other or name.startswith(f"{other}.") for other in without)
-    ]  # fmt: skip
-    _, slopes = _scores(terms, start, freed(pipeline.transforms, *free), made.data, True)
+    count = len(set(groups))
+    if count < ENOUGH:
+        stop(f"no preset is written: a verdict needs {ENOUGH} people, or days of one person; here: {count}")
+    each = numbers(pipeline, start)
+    losses, slopes = _scores(terms, start, freed(pipeline.transforms, *(n.name for n in each)), made.data, True)
     of = np.asarray(groups)
     scores = np.stack([np.nan_to_num(slopes)[of == group].sum(axis=0) for group in dict.fromkeys(groups)])
-    centred = scores - scores.mean(axis=0)
-    size = np.sqrt(np.maximum((centred**2).sum(axis=0), np.finfo(float).tiny))
-    clear = np.abs(scores.sum(axis=0)) / (size * np.sqrt(len(scores) / max(1, len(scores) - 1)))
-    chosen: list[int] = []
-    for k in np.argsort(-clear, kind="stable"):
-        apart = all(abs(centred[:, k] @ centred[:, j]) < TOGETHER * size[k] * size[j] for j in chosen)
-        if clear[k] >= AGREED and apart and len(chosen) < len(scores) // PEOPLE_EACH:
-            chosen.append(int(k))
-    if not chosen:
-        few = f"each learned number needs {PEOPLE_EACH} people, or days of one person; here: {len(scores)}"
-        disagree = f"these recordings do not agree on the direction of any of {len(free)} parameters"
-        stop(f"no preset is written: {few if len(scores) < PEOPLE_EACH else disagree}")
-    return [free[k] for k in chosen]
+    size = np.sqrt(np.maximum(((scores - scores.mean(axis=0)) ** 2).sum(axis=0), np.finfo(float).tiny))
+    agreed = np.abs(scores.sum(axis=0)) >= AGREED * size * np.sqrt(count / (count - 1))
+    moved = np.abs(scores.sum(axis=0)) * np.array([n.step for n in each]) >= MOVES * float(np.nansum(losses))
+    if not (agreed & moved).any():
+        stop(f"no preset is written: these recordings do not agree on the direction of any of {len(each)} parameters")
+    return [n.name for n in itertools.compress(each, agreed & moved)]
+
+
+def priors_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, learned: Sequence[str]) -> PyTree:
+    """The declared priors, and for other learned parameters normal ones: the value, within its deviation."""
+    structure: PyTree = jax.tree.structure(pipeline.transforms, is_leaf=_is_transform)
+    declared = structure.flatten_up_to(priors(start))
+    within = {n.name: normal(n.value, n.deviation) for n in numbers(pipeline, start) if n.name in learned}
+    every = zip(names(pipeline.transforms), declared, strict=True)
+    return jax.tree.unflatten(structure, [within.get(name) if prior is None else prior for name, prior in every])
+
+
+def _is_transform(node: object) -> bool:
+    return hasattr(node, "to_free")
 
 
 def _leaves(tree: PyTree) -> list[PyTree]:
-    return jax.tree.leaves(tree, is_leaf=lambda node: hasattr(node, "to_free"))
+    return jax.tree.leaves(tree, is_leaf=_is_transform)
 
 
 def _scores(
@@ -135,7 +165,7 @@ def _program(terms: Objective, transforms: PyTree, slopes: bool) -> Any:
     def of_item(free: PyTree, start: PyTree, item: PyTree) -> PyTree:
         return jax.value_and_grad(loss)(free, start, item) if slopes else (loss(free, start, item), ())
 
-    return jax.jit(lambda free, start, data: jax.lax.map(partial(of_item, free, start), data))
+    return compiled(lambda free, start, data: jax.lax.map(partial(of_item, free, start), data))
 
 
 def elsewhere(

@@ -168,7 +168,8 @@ def tune(
         client = stack.enter_context(machines.client_of(dask))
         if of is None:
             _say_notes(ready, start, walks, made, weights)
-        settings = {"steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": priors(start)}
+        prior = priors(start) if preset is None else presets.priors_of(pipeline, start, names)
+        settings = {"steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": prior}
         of_each = dataclasses.replace(terms, terms=((LOSSES[judged].error, 1.0),))
         job = tune_run.Job(
             pipeline, start, learned, made, groups, terms, of_each, LOSSES[judged].unit, LOSSES[judged].words, settings,

@@ -49,10 +49,10 @@ def test_a_preset_of_ones_own_has_versions_and_a_name_of_its_own(tmp_path, monke
 
 
 class Toy(NamedTuple):
-    level: float = 0.0
-    same: float = 0.0
-    torn: float = 0.0
-    kept: float = 0.0
+    level: float = 1.0
+    weak: float = 1.0
+    torn: float = 1.0
+    kept: float = 1.0
 
 
 TOY = SimpleNamespace(
@@ -63,16 +63,17 @@ TOY = SimpleNamespace(
 
 def squares(p, item):
     level, torn = item
-    return (level - p.level - 0.5 * p.same) ** 2 + torn * p.torn + p.kept
+    return (level - p.level - 1e-3 * p.weak) ** 2 + torn * p.torn + p.kept
 
 
-def test_what_people_agree_on_is_learned_each_direction_once():
+def test_what_people_agree_on_and_what_moves_the_loss_is_learned():
     rng = np.random.default_rng(0)
     items = rng.normal(5.0, 1.0, 12), np.tile([1.0, -1.0], 6)
     people = [f"p{i}" for i in range(12)]
     made = SimpleNamespace(data=items)
-    assert preset.learnable(TOY, Toy(), made, people, squares) in (["level"], ["same"])
-    for data, groups in (((0.0 * items[0], items[1]), people), (items, ["a", "b"] * 6)):
+    assert preset.learnable(TOY, Toy(), made, people, squares) == ["level"]
+    assert [(n.name, n.deviation) for n in preset.numbers(TOY, Toy())] == [(n, 0.1) for n in ("level", "weak", "torn")]
+    for data, groups in (((items[0] - 4.0, items[1]), people), (items, ["a", "b"] * 6)):
         with pytest.raises(typer.Exit):
             preset.learnable(TOY, Toy(), SimpleNamespace(data=data), groups, squares)
 
