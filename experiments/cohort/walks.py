@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.common.people import check_person
 from jgait import simulate
 from jgait.simulate import Person, Route
 from jgait.simulate.check import check_slack
@@ -71,7 +72,7 @@ def walkers(seed: int, first: int, last: int, seconds: tuple[float, float]) -> I
         name = f"{number:05d}_{kind}"
         try:
             fit = simulate.covering(keys[number], person, along)
-            simulate.check_person(fit)
+            check_person(fit)
             _, lasts, left = limits(keys[number], fit, along)
             check_slack(fit, left, f"on the way of {name}")
         except ValueError as error:

@@ -31,9 +31,9 @@ from experiments.simulator.simulated import SETS, Set, names_of, sensors_of
 from jgait import simulate
 from jgait.geometry.segments import Motion, Segments
 from jgait.simulate import RECORDED, Body, Gait, Person, shapes
+from jgait.simulate.person import TABLES
 from jgait.simulate.population import manner
 from jgait.simulate.shapes import WORN, Instants, Movement
-from jgait.simulate.tables import TABLES
 from jgait.simulate.walker import Frames, moved, planned, ticks
 from jgait.simulate.worn import ideal_readings
 from jgait.types import SIDES, Values

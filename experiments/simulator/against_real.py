@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from experiments.common.people import check_person
 from experiments.common.recordings import available
 from experiments.common.row import Row, show
 from experiments.simulator import simulated
@@ -76,7 +77,7 @@ def figures_of_people(people: list[Person], given: Set) -> list[dict[str, float]
 def able(person: Person) -> bool:
     """Whether a person can walk with these parameters."""
     try:
-        simulate.check_person(person)
+        check_person(person)
     except ValueError:
         return False
     return True

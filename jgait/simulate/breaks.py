@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray, PyTree
 
-from jgait.simulate.check import check_sensors, check_slack, check_values
+from jgait.simulate.check import check_sensors, check_values
 from jgait.simulate.footsteps import FIRST, Plan
 from jgait.simulate.person import Person
-from jgait.simulate.recorded import limits, room, simulated
+from jgait.simulate.recorded import planned_walk, room, simulated
 from jgait.simulate.routes import Route, total_length
 from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.worn import SEVEN, Truth
@@ -58,8 +58,7 @@ def with_breaks(
             first = float(np.asarray(laid.side)[round(float(laid.end)) - 2 + FIRST])
             gait = gait._replace(right_first=1.0 if first < 0.0 else 0.0)
         bout = Person(person.body, gait)
-        made, lasts, left = limits(jax.random.fold_in(key, number), bout, way)
-        check_slack(bout, left, f"on the route of bout {number + 1}")
+        made, lasts = planned_walk(jax.random.fold_in(key, number), bout, way, f"on the route of bout {number + 1}")
         if laid is not None:
             slopes = float(laid.slope[round(float(laid.end)) + FIRST]), float(made.slope[0])
             if abs(slopes[0] - slopes[1]) > 1e-6:

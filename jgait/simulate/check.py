@@ -3,16 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 
-import jax
 import numpy as np
 
 from jgait.geometry.segments import segment_of
-from jgait.simulate.person import DEGREE, Body, Gait, Person, evenly
-from jgait.simulate.routes import straight
+from jgait.simulate.person import DEGREE, Body, Gait, Person
 from jgait.simulate.sensors import ImuErrors, check_errors
 from jgait.simulate.sensors.imu import check_fields
 from jgait.simulate.shapes import STYLES
-from jgait.simulate.walker import Slack, planned
+from jgait.simulate.walker import Slack
 from jgait.types import check_kind, check_number
 
 _HALF = (-0.5, 0.5)
@@ -32,24 +30,6 @@ _RANGES: dict[str, tuple[float, float]] = {
     "persistence": (0.0, 0.95), "right_first": (0.0, 1.0),
 }  # fmt: skip
 """Closed ranges of the fields, in their units; fields not listed must not be negative."""
-
-
-@jax.jit
-def _slack(person: Person) -> Slack:
-    """Distance of the legs from their limits over four even steps."""
-    return planned(jax.random.key(0), evenly(person, 4), straight(10.0), 4)[1]
-
-
-def check_person(person: Person) -> None:
-    """Check that a person can walk with this gait, on level ground and with even steps.
-
-    Raises:
-        TypeError: if a field is not a number.
-        ValueError: if a field lies outside its range, the times of a stride contradict each other, or the legs are
-            too short for the stride; the message names the limit.
-    """
-    check_values(person)
-    check_slack(person, _slack(jax.tree.map(float, person)), "on level ground")
 
 
 def check_values(person: Person) -> None:

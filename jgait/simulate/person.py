@@ -1,12 +1,17 @@
 """Body lengths and gait parameters of a person, each one scalar with its unit."""
 
-from typing import NamedTuple
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from jgait.notes import record
-from jgait.simulate.tables import TABLES
 from jgait.types import Values
 
 DEGREE = 0.017453292519943295
+
+TABLES: dict[str, Any] = json.loads(Path(__file__).with_name("movement.json").read_text(encoding="utf-8"))
+"""Numbers of the movement of recorded people, whose file names its source: tables of `shapes`, gait of `RECORDED`,
+and powers of the stride (`population.manner`). `experiments.people.shapes` derives them."""
 
 
 @record

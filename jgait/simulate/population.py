@@ -1,10 +1,11 @@
 """Many people: adults drawn from published norms, each made to cover a route.
 
 `population` draws people, `gait` computes the parameters of a gait from figures printed in papers, `covering` scales
-the stride length so that a whole number of steps covers a route.
+the stride length so that a whole number of steps covers a route, `cohort` simulates a walk of each person.
 """
 
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -15,12 +16,13 @@ from jgait.estimators.programs import bucket, compiled
 from jgait.geometry.vectors import kept
 from jgait.simulate import routes
 from jgait.simulate.footsteps import FIRST, footholds
-from jgait.simulate.person import DEGREE, RECORDED, Body, Gait, Person
-from jgait.simulate.recorded import limits, room
-from jgait.simulate.routes import Route, padded
+from jgait.simulate.person import DEGREE, RECORDED, TABLES, Body, Gait, Person
+from jgait.simulate.recorded import limits, room, walks
+from jgait.simulate.routes import Route, padded, straight
+from jgait.simulate.sensors import IDEAL, ImuErrors
 from jgait.simulate.shapes import STYLES
-from jgait.simulate.tables import TABLES
-from jgait.types import Values, check_key, check_kind, check_number
+from jgait.simulate.worn import SEVEN, Truth
+from jgait.types import Recording, Values, check_key, check_kind, check_number
 
 SPEED = ((1.358, 1.433, 1.434, 1.433, 1.339, 1.262), (1.341, 1.337, 1.390, 1.313, 1.241, 1.132))
 """Mean walking speed [m/s] of men and of women in their twenties, thirties … seventies."""
@@ -314,3 +316,29 @@ def _stretched(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int
     # The distance is nearly proportional to the stride; where speed changes, each iteration divides the error by ten.
     usual = jnp.asarray(person.gait.stride_length)
     return paced(person, jax.lax.fori_loop(0, 16, lambda _, stride: stride * total / covered(stride), usual) / usual)
+
+
+def cohort(
+    key: PRNGKeyArray, n: int, along: Route | list[Route] | None = None, errors: ImuErrors = IDEAL,
+    rate: float = 100.0, placements: Sequence[str] = SEVEN, *, recorded: bool = True,
+) -> list[tuple[Recording, Truth]]:  # fmt: skip
+    """Simulate one walk of each of `n` people drawn from `population`, with individual steps along a route.
+
+    `along` is the route of all people or a list with that of each; None is 20 m straight ahead. `recorded` as of
+    `population`, other arguments as of `recording`. The truth of a minute at 100 Hz takes some 12 MB; for many people,
+    use `walks`, which returns walks one by one.
+
+    Returns:
+        Recording and truth of each person, with the names subject_0001 and so on.
+
+    Raises:
+        ValueError: if `n` is not positive, or as `walks`.
+    """
+    ways = along if isinstance(along, list) else [straight(20.0) if along is None else along] * n
+    who, how = jax.random.split(key)
+    people = population(who, n, recorded)
+    keys = [jax.random.fold_in(how, i) for i in range(n)]
+    fit = [
+        covering(walk_key, person_of(people, i), way) for i, (walk_key, way) in enumerate(zip(keys, ways, strict=True))
+    ]
+    return list(walks(keys, fit, ways, errors, rate, placements))

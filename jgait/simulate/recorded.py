@@ -1,11 +1,11 @@
-"""One walk as records of the library, on the host, by programs that other walks use too.
+"""Walks as records of the library, on the host, by programs that other walks use too.
 
 The programs are compiled once and kept between processes (`jgait.estimators.programs`): steps, pieces of the route,
 samples and sensors are padded to lengths that walks share.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -59,10 +59,44 @@ def recording(
     steps = round(float(person.gait.steps))
     check_kind(along, (Route, type(None)), "along must be a Route, such as jgait.simulate.straight(10.0)")
     along = straight(max(1.0, steps * float(person.gait.stride_length))) if along is None else along
-    laid, last, left = limits(key, person, along)
-    check_slack(person, left, "on this route")
+    laid, last = planned_walk(key, person, along, "on this route")
     worn, true = simulated(key, person, laid, last, errors, rate, placements, places)
     return Recording(worn, rate, name, subject), true
+
+
+def walks(
+    keys: Sequence[PRNGKeyArray], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
+    rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None,
+) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
+    """Simulate a walk of each of several people, one by one, all by one compiled program.
+
+    `keys`, `people` (their fields floats) and `along` have one entry for each person, the key that of `covering`;
+    `names` of recording and subject, None for subject_0001 … Other arguments as of `recording`.
+
+    Yields:
+        The recording, and the truth at the same times, in NumPy arrays.
+
+    Raises:
+        TypeError, ValueError: as `recording`, before anything is simulated; the message names the recording of whom the
+            route asks more than the legs can do.
+    """
+    if not (len(keys) == len(people) == len(along) > 0):
+        raise ValueError(f"walks needs a key and a route for each person; got {len(keys)}, {len(along)}, {len(people)}")
+    check_sensors(errors, rate, placements)
+    for person in people:
+        check_values(person)
+    names = [f"subject_{i + 1:04d}" for i in range(len(people))] if names is None else names
+    laid = [
+        (key, person, *planned_walk(key, person, way, f"on the route of {name}"))
+        for key, person, way, name in zip(keys, people, along, names, strict=True)
+    ]
+
+    def one_by_one() -> Iterator[tuple[Recording, Truth]]:
+        for name, walk in zip(names, laid, strict=True):
+            worn, true = simulated(*walk, errors, rate, placements)
+            yield Recording(worn, rate, name, name), true
+
+    return one_by_one()
 
 
 def simulated(
@@ -103,6 +137,15 @@ def limits(key: PRNGKeyArray, person: Person, along: Route) -> tuple[Plan, float
     program = compiled(_limits, quick=True)
     laid, last, left = program(key, jax.tree.map(float, person), padded(along), capacity=capacity)
     return laid, float(last), Slack(*map(float, left))
+
+
+def planned_walk(key: PRNGKeyArray, person: Person, along: Route, where: str) -> tuple[Plan, float]:
+    """The plan of a walk and its duration [s]. Raises ValueError, with the route described by `where`, if it asks more
+    than the legs can do.
+    """
+    laid, last, left = limits(key, person, along)
+    check_slack(person, left, where)
+    return laid, last
 
 
 def room(steps: int) -> int:

@@ -15,9 +15,8 @@ from jax import lax
 
 from jgait.geometry.jets import Jet, chained, part, parts, sin_cos, stacked, turned_axes
 from jgait.geometry.vectors import kept
-from jgait.simulate.person import RECORDED, Body, Gait, Person
+from jgait.simulate.person import RECORDED, TABLES, Body, Gait, Person
 from jgait.simulate.smooth import polynomial, smooth_bump
-from jgait.simulate.tables import TABLES
 from jgait.types import Flags, Values
 
 PELVIS, FEET, SKIN = (np.asarray(TABLES[name]) for name in ("pelvis", "feet", "skin"))

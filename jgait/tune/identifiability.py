@@ -63,10 +63,6 @@ class Identifiability(NamedTuple):
     level: float  #: confidence level of the intervals.
 
 
-def _partners(correlation: np.ndarray, i: int) -> list[int]:
-    return [j for j in range(len(correlation)) if j != i and abs(correlation[i, j]) >= TOGETHER]
-
-
 def _spread(
     information: np.ndarray, noise: np.ndarray, gradient: np.ndarray, rounding: float, limit: float
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
@@ -256,7 +252,7 @@ def _statement(
         [name for name, known in zip(at.names, determined, strict=True) if not known], [], level,
     )  # fmt: skip
     # Where neither is determined, `directions` has their combination.
-    pairs = [(i, j) for i in range(len(free)) for j in _partners(correlation, i) if i < j]
-    together = [(i, j) for i, j in pairs if determined[i] or determined[j]]
+    pairs = np.argwhere(np.triu(np.abs(correlation) >= TOGETHER, 1))
+    together = [(int(i), int(j)) for i, j in pairs if determined[i] or determined[j]]
     falling = [direction(at.names, vector, math.inf) for vector in downwards]
     return result._replace(sentences=sentences(result, at.transforms, together, falling, finite, limit))

@@ -77,11 +77,14 @@ def descend(
         chunk = FEW if settings.downhill else max(2, settings.steps // 20)
     # XLA unrolls a scan of one step, which then rounds differently; so a chunk has at least two steps.
     size = total if chunk is None else min(total, max(2, chunk))
-    group = max(1, AT_ONCE // (settings.minibatch or np.shape(weights)[1]))
+    size_of = sum(leaf.nbytes for leaf in jax.tree.leaves(context.items))
+    group = max(1, min(AT_ONCE // (settings.minibatch or np.shape(weights)[1]), MEMORY // max(1, size_of)))
     key = problem, optimizer, settings._replace(steps=0), size
     run = _in_groups(_program(*key), group, problem.mesh is None)
     carry = jax.vmap(lambda f, w: first(f, optimizer, w, dtype))(free, jnp.asarray(weights, dtype))
-    begin, history = 0, [_empty(carry)]
+    lanes, kind = np.shape(carry.loss)[0], np.asarray(carry.loss).dtype
+    empty = (np.zeros((lanes, 0), bool if name == "accepted" else kind) for name in Trace._fields)
+    begin, history = 0, [Trace(*empty)]
     saved = None if file is None else checkpoint.load(file, mark, (0, carry, history[0]))
     if saved is not None:
         begin, carry, history = int(saved[0]), saved[1], [saved[2]]
@@ -105,15 +108,9 @@ def descend_apart(
 ) -> tuple[Carry, Trace] | None:  # fmt: skip
     """`descend` with its fits shared among machines: one part of them, all of them from files of parts, or on Dask.
 
-    Args:
-        run: `descend` but for the next four arguments.
-        free: as of `descend`.
-        weights: as of `descend`.
-        report: as of `descend`.
-        file: as of `descend`.
-        part: number of this part, from 1, and of all parts. The fits of the part are finished in `STEM-K-of-N.npz`
-            beside the file, and the result is None. A later call without `part` takes the fits of all these files.
-        client: workers that share the fits.
+    `run` is `descend` but for the next four arguments. The fits of a `part`, its number from 1 and that of all parts,
+    are finished in `STEM-K-of-N.npz` beside the file, and the result is None. A later call without `part` takes the
+    fits of all these files. The workers of a `client` share the fits.
     """
     lanes = len(weights)
 
@@ -149,13 +146,10 @@ def _there(
     run: Callable[..., tuple[Carry, Trace]], fits: list[tuple[PyTree, PyTree]], client: "Client"
 ) -> list[tuple[Carry, Trace]]:
     """`run` of each fit on the workers of a cluster; raises RuntimeError for a fit whose workers die repeatedly."""
-
-    def of_one(group: tuple[tuple[int, tuple[PyTree, PyTree]], ...]) -> tuple[Carry, Trace]:
-        ((_, fit),) = group
-        return run(*fit, report=None, file=None)
-
     done: dict[int, tuple[Carry, Trace]] = {}
-    for ((number, _),), result in on_dask(of_one, enumerate(fits), client):
+    for ((number, _),), result in on_dask(
+        lambda group: run(*group[0][1], report=None, file=None), enumerate(fits), client
+    ):
         if result is None:
             raise RuntimeError(f"fit {number + 1} of {len(fits)} has no result: {DIED}")
         done[number] = result
@@ -174,9 +168,9 @@ def _program(
 FEW = 4
 """Number of steps in a chunk of a fit that stops where the loss is flat, which is checked between chunks."""
 
-AT_ONCE = 128
+AT_ONCE, MEMORY = 128, 2**25
 """Largest number of items times fits that run together in one program: with more, the numbers do not fit the
-processor's cache."""
+processor's cache. [bytes] Largest size of these items: a gradient through a filter needs some fifty times as much."""
 
 
 def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callable[..., PyTree]:
@@ -205,11 +199,6 @@ def _in_groups(run: Callable[..., PyTree], group: int, threads: bool) -> Callabl
         return jax.tree.map(lambda *parts: np.concatenate(parts)[:lanes], *done)
 
     return every
-
-
-def _empty(carry: Carry) -> Trace:
-    lanes, kind = np.shape(carry.loss)[0], np.asarray(carry.loss).dtype
-    return Trace(*(np.zeros((lanes, 0), bool if name == "accepted" else kind) for name in Trace._fields))
 
 
 def _joined(parts: list[Trace]) -> Trace:

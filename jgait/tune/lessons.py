@@ -110,12 +110,9 @@ def _mask(span: tuple[int, int] | None, samples: int, otherwise: bool) -> np.nda
 
 
 def _item(
-    estimator: Estimator[PyTree, PyTree],
-    walk: Walk,
-    body_measures: Callable[[Walk], dict[str, PyTree]] | None,
-    windows: Callable[[Walk, Prepared[PyTree]], Windows] | None,
-    reference: bool,
-) -> _Item:
+    estimator: Estimator[PyTree, PyTree], walk: Walk, body_measures: Callable[[Walk], dict[str, PyTree]] | None,
+    windows: Callable[[Walk, Prepared[PyTree]], Windows] | None, reference: bool,
+) -> _Item:  # fmt: skip
     """A lesson of one walk. Raises RecordingError if the walk cannot be used."""
     if reference and walk.reference is None:
         raise RecordingError("there is no reference to learn from")

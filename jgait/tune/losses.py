@@ -160,8 +160,13 @@ def stride(estimate: Estimate, reference: Estimate, field: str, empty: float = 0
         for name, strides in (("estimate", ours), ("reference", theirs)):
             if getattr(strides, field) is None:
                 raise ValueError(f"the strides of the {name} have no {field}")
-        values, true = jnp.asarray(getattr(ours, field)), jnp.asarray(getattr(theirs, field))
-    values = values[row]
+        values, true = getattr(ours, field), getattr(theirs, field)
+    return _of_pairs(values, true, row, paired, empty)
+
+
+def _of_pairs(values: Values, true: Values, row: AnyArray, paired: AnyArray, empty: float) -> Float[Array, ""]:
+    """Mean squared error of the strides that are paired, where both numbers are finite."""
+    values, true = jnp.asarray(values)[row], jnp.asarray(true)
     return mean_squared(values, true, _finite(true, _finite(values, paired)), empty)
 
 
@@ -178,10 +183,7 @@ def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -
             raise ValueError(f"the {name} has no contacts to compare")
     row, paired = matched(ours, theirs)
     fields = [f for f in ("end", "final_contact") if getattr(ours, f) is not None and getattr(theirs, f) is not None]
-    terms = []
-    for field in fields:
-        values, true = jnp.asarray(getattr(ours, field))[row], jnp.asarray(getattr(theirs, field))
-        terms.append(mean_squared(values, true, _finite(true, _finite(values, paired)), empty))
+    terms = [_of_pairs(getattr(ours, field), getattr(theirs, field), row, paired, empty) for field in fields]
     return jax.tree.reduce(jnp.add, terms) / len(terms)
 
 

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from experiments.common.people import check_person
 from jgait import simulate
 
 
@@ -18,7 +19,7 @@ def test_people_can_walk_so(people, gait):
     other = simulate.GAITS[gait]
     for usual in people:
         changed = simulate.walking(usual, gait)
-        simulate.check_person(changed)
+        check_person(changed)
         assert changed.body == usual.body
         np.testing.assert_allclose(changed.gait.stride_length, other.length * usual.gait.stride_length)
         np.testing.assert_allclose(changed.gait.stride_time, other.time * usual.gait.stride_time)

@@ -5,6 +5,7 @@ import jax
 import numpy as np
 import pytest
 
+from experiments.common.people import check_person
 from jgait import simulate
 from jgait.simulate import Person
 from jgait.simulate.recorded import limits
@@ -24,13 +25,13 @@ def cohort():
 
 def test_everyone_drawn_can_walk(people):
     for i in range(300):
-        simulate.check_person(simulate.person_of(people, i))
+        check_person(simulate.person_of(people, i))
 
 
 def test_everyone_drawn_like_recorded_people_can_walk_in_a_style_of_their_own():
     people = simulate.population(jax.random.key(5), 40, recorded=True)
     for i in range(40):
-        simulate.check_person(simulate.person_of(people, i))
+        check_person(simulate.person_of(people, i))
     styles = np.array([getattr(people.gait, f"style_{i}") for i in range(1, 5)])
     assert np.all(np.abs(styles.mean(axis=1)) < 0.5) and np.all((styles.std(axis=1) > 0.6) & (styles.std(axis=1) < 1.1))
     assert np.all(people.gait.recorded == 1.0) and np.all(people.gait.soft_tissue > 0.5)

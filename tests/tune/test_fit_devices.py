@@ -47,11 +47,6 @@ def close(file, fit):
             np.testing.assert_allclose(found[name], np.asarray(leaf), rtol=1e-9, atol=1e-12)
 
 
-def test_a_mesh_of_one_device_changes_nothing():
-    mesh = jax.make_mesh((1,), ("items",), axis_types=(jax.sharding.AxisType.Auto,))
-    np.testing.assert_allclose(alone(mesh=mesh).losses, alone().losses, rtol=1e-12)
-
-
 def test_four_devices_share_six_items(tmp_path):
     """Six items do not divide by four: the rest is filled up without weight."""
     assert ran(MESH + FIT, tmp_path / "four.npz", devices=4).split() == ["4"]

@@ -67,15 +67,9 @@ def _planar(p: DutyCycledParams, segment: GapSegment, filled: Filled, turning: V
     more = jnp.where(filled.how == FILLED, p.filled_noise**2 * filled.unlike, 0.0)
     excess = turns.excess(p.turn_tilt, turning, dt, more).astype(filled.rate.dtype)
     return PlanarSegment(
-        filled.rate + segment.bias,
-        acc[:, 0],
-        acc[:, 2],
-        jnp.asarray(segment.acc_measured),
-        measured,
-        excess,
-        segment.bias,
-        segment.variance,
-    )
+        filled.rate + segment.bias, acc[:, 0], acc[:, 2], jnp.asarray(segment.acc_measured), measured, excess,
+        segment.bias, segment.variance,
+    )  # fmt: skip
 
 
 def _turning(inputs: DutyCycledInputs) -> Values:
@@ -92,29 +86,22 @@ def _leg(
     p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, turning: Values, options: DutyCycledOptions
 ) -> tuple[_Segments, _Joints | None]:
     """Fill the gaps and filter one leg, with the parameters of its side."""
-    rates = dict[str, Filled]()
-    above = None
+    rates, planar, above = dict[str, Filled](), dict.fromkeys(SEGMENTS, None), None
     for segment, sensor in zip(SEGMENTS, leg, strict=True):
-        if sensor is not None:
-            rates[segment] = _fill(p, sensor, above, inputs.valid, options)
-            if segment == "thigh" and options.above and options.accelerometers:
-                above = Thigh(rates[segment].rate, jnp.asarray(sensor.acc))
-    planar = {
-        segment: None if signals is None else _planar(p, signals, rates[segment], turning, inputs.dt)
-        for segment, signals in zip(SEGMENTS, leg, strict=True)
-    }
-    inputs_of_leg = DutyInputs(
-        planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
-    )
-    result = duty_model.run(p, inputs_of_leg, accelerometers=options.accelerometers, method=options.method)
-    segment_estimates = {
-        segment: segment_estimate
-        for segment, segment_estimate in zip(SEGMENTS, result, strict=True)
-        if segment_estimate is not None
-    }
+        if sensor is None:
+            continue
+        rates[segment] = filled = _fill(p, sensor, above, inputs.valid, options)
+        planar[segment] = _planar(p, sensor, filled, turning, inputs.dt)
+        if segment == "thigh" and options.above and options.accelerometers:
+            above = Thigh(filled.rate, jnp.asarray(sensor.acc))
+    of_leg = DutyInputs(
+        *planar.values(), inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
+    )  # fmt: skip
+    result = duty_model.run(p, of_leg, accelerometers=options.accelerometers, method=options.method)
+    found = {name: part for name, part in zip(SEGMENTS, result, strict=True) if part is not None}
     return (
-        {segment: (rates[segment], segment_estimate) for segment, segment_estimate in segment_estimates.items()},
-        joints(p, *segment_estimates.values()) if len(segment_estimates) == 2 else None,
+        {name: (rates[name], part) for name, part in found.items()},
+        joints(p, *found.values()) if len(found) == 2 else None,
     )
 
 
