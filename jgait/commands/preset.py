@@ -21,6 +21,7 @@ from jgait.filtering import compiled
 from jgait.params import constrain, freed, names, normal, priors, stated, unconstrain
 from jgait.report.page import significant
 from jgait.tune import LOSSES, Lessons, Objective, lacking, objective
+from jgait.tune.identifiability import TOGETHER
 from jgait.tune.problem import kept
 from jgait.types import Walk
 
@@ -113,7 +114,8 @@ def learnable(
     pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, groups: Sequence[str], terms: Objective
 ) -> list[str]:
     """Names of the parameters that move the loss as far as they deviate, in the same direction by the references of all
-    people, or days; exits with code 2 if there is none, or if there are too few people for a verdict.
+    people, or days, and that are not collinear; those that move it most come first. Exits with code 2 if there is none,
+    or if there are too few people for a verdict.
     """
     count = len(set(groups))
     if count < ENOUGH:
@@ -122,12 +124,18 @@ def learnable(
     losses, slopes = _scores(terms, start, freed(pipeline.transforms, *(n.name for n in each)), made.data, True)
     of = np.asarray(groups)
     scores = np.stack([np.nan_to_num(slopes)[of == group].sum(axis=0) for group in dict.fromkeys(groups)])
-    size = np.sqrt(np.maximum(((scores - scores.mean(axis=0)) ** 2).sum(axis=0), np.finfo(float).tiny))
+    centred = scores - scores.mean(axis=0)
+    size = np.sqrt(np.maximum((centred**2).sum(axis=0), np.finfo(float).tiny))
     agreed = np.abs(scores.sum(axis=0)) >= AGREED * size * np.sqrt(count / (count - 1))
-    moved = np.abs(scores.sum(axis=0)) * np.array([n.step for n in each]) >= MOVES * float(np.nansum(losses))
-    if not (agreed & moved).any():
+    moved = np.abs(scores.sum(axis=0)) * np.array([n.step for n in each]) / max(float(np.nansum(losses)), 1e-12)
+    chosen: list[int] = []
+    for k in np.argsort(-moved, kind="stable"):
+        apart = all(abs(centred[:, k] @ centred[:, j]) < TOGETHER * size[k] * size[j] for j in chosen)
+        if agreed[k] and moved[k] >= MOVES and apart:
+            chosen.append(int(k))
+    if not chosen:
         stop(f"no preset is written: these recordings do not agree on the direction of any of {len(each)} parameters")
-    return [n.name for n in itertools.compress(each, agreed & moved)]
+    return [each[k].name for k in chosen]
 
 
 def priors_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, learned: Sequence[str]) -> PyTree:
