@@ -126,15 +126,19 @@ def learnable(
     scores = np.stack([np.nan_to_num(slopes)[of == group].sum(axis=0) for group in dict.fromkeys(groups)])
     centred = scores - scores.mean(axis=0)
     size = np.sqrt(np.maximum((centred**2).sum(axis=0), np.finfo(float).tiny))
-    agreed = np.abs(scores.sum(axis=0)) >= AGREED * size * np.sqrt(count / (count - 1))
+    clear = np.abs(scores.sum(axis=0)) / (size * np.sqrt(count / (count - 1)))
     moved = np.abs(scores.sum(axis=0)) * np.array([n.step for n in each]) / max(float(np.nansum(losses)), 1e-12)
     chosen: list[int] = []
     for k in np.argsort(-moved, kind="stable"):
         apart = all(abs(centred[:, k] @ centred[:, j]) < TOGETHER * size[k] * size[j] for j in chosen)
-        if agreed[k] and moved[k] >= MOVES and apart:
+        if clear[k] >= AGREED and moved[k] >= MOVES and apart:
             chosen.append(int(k))
     if not chosen:
-        stop(f"no preset is written: these recordings do not agree on the direction of any of {len(each)} parameters")
+        best = int(np.argmax(np.where(moved >= MOVES, clear, 0.0)))
+        stop(
+            f"no preset is written: these recordings do not agree on the direction of any of {len(each)} parameters; "
+            f"the clearest is {each[best].name}, at {clear[best]:.1f} standard errors of at least {AGREED:g}"
+        )
     return [each[k].name for k in chosen]
 
 

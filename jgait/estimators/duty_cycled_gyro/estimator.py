@@ -86,7 +86,8 @@ def _leg(
     p: DutyCycledParams, leg: GapLeg, inputs: DutyCycledInputs, turning: Values, options: DutyCycledOptions
 ) -> tuple[_Segments, _Joints | None]:
     """Fill the gaps and filter one leg, with the parameters of its side."""
-    rates, planar, above = dict[str, Filled](), dict.fromkeys(SEGMENTS, None), None
+    rates, above = dict[str, Filled](), None
+    planar: dict[str, PlanarSegment | None] = dict.fromkeys(SEGMENTS)
     for segment, sensor in zip(SEGMENTS, leg, strict=True):
         if sensor is None:
             continue
@@ -95,7 +96,7 @@ def _leg(
         if segment == "thigh" and options.above and options.accelerometers:
             above = Thigh(filled.rate, jnp.asarray(sensor.acc))
     of_leg = DutyInputs(
-        *planar.values(), inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
+        planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )  # fmt: skip
     result = duty_model.run(p, of_leg, accelerometers=options.accelerometers, method=options.method)
     found = {name: part for name, part in zip(SEGMENTS, result, strict=True) if part is not None}
