@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -20,23 +21,24 @@ from jgait.estimators import Estimator
 from jgait.filtering import compiled
 from jgait.params import constrain, freed, names, normal, priors, stated, unconstrain
 from jgait.report.page import significant
-from jgait.tune import LOSSES, Lessons, Objective, lacking, objective
+from jgait.tune import LOSSES, Lesson, Lessons, Objective, lacking, objective
 from jgait.tune.identifiability import TOGETHER
+from jgait.tune.objective import Term
 from jgait.tune.problem import kept
-from jgait.types import Walk
+from jgait.types import Estimate, Walk
 
 PREFERRED = ("position", "trajectory", "stride_length", "distance", "stride_time")
 """Losses of a reference from which a preset is learned, the most informative first."""
 
 NATS = 0.05
-"""Weight of the likelihood beside the loss of the reference [initial loss of the reference for each nat of a sample].
-It determines what the reference leaves open: .2 nat a sample count as 1 % of the loss."""
+"""Weight of the likelihood beside the logarithm of the error [1 for each nat of a sample]. It determines what
+the reference leaves open: .2 nat a sample count as 1 % of the error."""
 
 AGREED = 2.0
 """Least mean gradient of a parameter that is learned, over people [its standard errors]: people agree on the sign."""
 
 MOVES = 0.01
-"""Least change of the loss with a parameter that is learned, as far as the parameter deviates [share of the loss]."""
+"""Least change of the error with a parameter that is learned, as far as the parameter deviates [share of the error]."""
 
 KNOWN = 0.1
 """Deviation of a parameter without a stated one, over its value [1]: the tenth by which `tune.explain` moves it."""
@@ -73,12 +75,36 @@ def _answers(pipeline: Estimator[PyTree, PyTree]) -> list[str]:
     return [name for name in PREFERRED if pipeline.about.losses is None or name in pipeline.about.losses]
 
 
-def terms_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, loss: dict[str, float]) -> Objective:
-    """The loss of the reference over its value at the start, and the likelihood of the measurements beside it."""
-    losses, _ = _scores(objective(pipeline, made.options, loss), start, pipeline.transforms, made.data, False)
-    terms = {name: weight / max(float(np.nanmean(losses)), 1e-12) for name, weight in loss.items()}
-    if "likelihood" in (pipeline.about.losses or ()) and "likelihood" not in terms:
-        terms["likelihood"] = NATS / float(np.mean(np.sum(made.data.look, axis=1)))
+@dataclass(frozen=True)
+class Logarithm:
+    """½ log(1 + loss / scale) of a walk [nat]: halving the error of a good walk counts as much as that of a bad one."""
+
+    name: str  #: of the loss.
+    scale: float
+
+    def __call__(self, estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
+        """The term of one walk."""
+        return 0.5 * jnp.log1p(LOSSES[self.name].term(estimate, lesson) / self.scale)
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def terms_of(
+    pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, loss: dict[str, float]
+) -> dict[str | Term, float]:
+    """The logarithms of the losses of the reference, with their median at the start as scale."""
+    terms: dict[str | Term, float] = {}
+    for name, weight in loss.items():
+        losses, _ = _scores(objective(pipeline, made.options, name), start, pipeline.transforms, made.data, False)
+        terms[Logarithm(name, max(float(np.nanmedian(losses)), 1e-12))] = weight
+    return terms
+
+
+def with_likelihood(pipeline: Estimator[PyTree, PyTree], made: Lessons, terms: dict[str | Term, float]) -> Objective:
+    """The terms, and the likelihood of the measurements beside them."""
+    if "likelihood" in (pipeline.about.losses or ()) and "likelihood" not in map(str, terms):
+        terms = terms | {"likelihood": NATS / float(np.mean(np.sum(made.data.look, axis=1)))}
     return objective(pipeline, made.options, terms)
 
 
@@ -121,13 +147,13 @@ def learnable(
     if count < ENOUGH:
         stop(f"no preset is written: a verdict needs {ENOUGH} people, or days of one person; here: {count}")
     each = numbers(pipeline, start)
-    losses, slopes = _scores(terms, start, freed(pipeline.transforms, *(n.name for n in each)), made.data, True)
+    _, slopes = _scores(terms, start, freed(pipeline.transforms, *(n.name for n in each)), made.data, True)
     of = np.asarray(groups)
     scores = np.stack([np.nan_to_num(slopes)[of == group].sum(axis=0) for group in dict.fromkeys(groups)])
     centred = scores - scores.mean(axis=0)
     size = np.sqrt(np.maximum((centred**2).sum(axis=0), np.finfo(float).tiny))
     clear = np.abs(scores.sum(axis=0)) / (size * np.sqrt(count / (count - 1)))
-    moved = np.abs(scores.sum(axis=0)) * np.array([n.step for n in each]) / max(float(np.nansum(losses)), 1e-12)
+    moved = np.abs(scores.sum(axis=0)) * np.array([n.step for n in each]) / len(of)
     chosen: list[int] = []
     for k in np.argsort(-moved, kind="stable"):
         apart = all(abs(centred[:, k] @ centred[:, j]) < TOGETHER * size[k] * size[j] for j in chosen)

@@ -133,8 +133,10 @@ def tune(
     groups = tune_run.groups_of(made)
     terms = objective(pipeline, made.options, weights)
     if preset is not None:
-        names = names or presets.learnable(pipeline, start, made, groups.labels, terms)
-        terms = presets.terms_of(pipeline, start, made, weights)
+        logarithms = presets.terms_of(pipeline, start, made, weights)
+        of_reference = objective(pipeline, made.options, logarithms)
+        names = names or presets.learnable(pipeline, start, made, groups.labels, of_reference)
+        terms = presets.with_likelihood(pipeline, made, logarithms)
         learned = freed(pipeline.transforms, *names)
         console.say(f"learned: {', '.join(names)}, from {', '.join(str(name) for name, _ in terms.terms)}")
         loss = ",".join(f"{name}={weight:.4g}" for name, weight in terms.terms)
