@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import typer
+from made import cohort as made_cohort
 from made.command import run
 
-from jgait import io, params
+from jgait import evaluate, io, params, tune
 from jgait.commands import preset
 from jgait.commands.pipeline import pipeline_of, start_of
 from jgait.commands.tune_report import TuningOutcome
@@ -76,6 +77,22 @@ def test_what_people_agree_on_and_what_moves_the_loss_is_learned():
     for data, groups in (((items[0] - 4.0, items[1]), people), (items, ["a", "b"] * 6)):
         with pytest.raises(typer.Exit):
             preset.learnable(TOY, Toy(), SimpleNamespace(data=data), groups, squares)
+
+
+def test_a_scale_that_is_wrong_for_everybody_is_learned_from_walks_with_one_bad_reference():
+    walks = [made_cohort.walk(number) for number in range(1, 9) if number % 7]
+    bad = walks[0].reference._replace(distance=3.0 * walks[0].reference.distance)
+    walks = [walks[0]._replace(reference=bad), *walks[1:]]
+    made = tune.lessons(made_cohort.FAKE, walks, body=lambda _: {"offset": 0.25})
+    start = made_cohort.Params()
+    logarithms = preset.terms_of(made_cohort.FAKE, start, made, {"distance": 1.0})
+    terms = tune.objective(made_cohort.FAKE, made.options, logarithms)
+    assert preset.learnable(made_cohort.FAKE, start, made, made.names, terms) == ["scale"]
+    prior = preset.priors_of(made_cohort.FAKE, start, ["scale"])
+    free = params.freed(made_cohort.FAKE.transforms, "scale")
+    fit = tune.fit(preset.with_likelihood(made_cohort.FAKE, made, logarithms), start, free, made.data, priors=prior)
+    errors = evaluate.judged(made_cohort.FAKE, fit.params, made, ["distance"])["distance"]
+    assert np.median(errors) < 0.5 * np.median(evaluate.judged(made_cohort.FAKE, start, made, ["distance"])["distance"])
 
 
 def test_a_preset_is_refused_that_does_not_gain():
