@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.evaluate.reliability import LEVEL
+from jgait.evaluate.statistics import LEVEL
 from jgait.types import as_float
 
 LAGS = 20

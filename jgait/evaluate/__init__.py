@@ -12,12 +12,15 @@ from jgait.evaluate.errors import (
     yaw_aligned,
 )
 from jgait.evaluate.losses import judged
-from jgait.evaluate.reliability import Icc, Limits, icc21, limits_of_agreement
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import (
     AGREEMENT,
+    Icc,
+    Limits,
     PairedDifference,
     agreement,
+    icc21,
+    limits_of_agreement,
     paired_difference,
     with_errors,
 )

@@ -27,10 +27,6 @@ WAITING = 3
 """Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
 
 
-NO_ERRORS = (np.nan,) * 3
-"""The last columns of a table of quantities, before `with_errors`."""
-
-
 class CohortJob(NamedTuple):
     """How each recording is read, estimated and scored; see `cohort`."""
 
@@ -274,7 +270,7 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
         for *who, estimate, scores in whose
     ]  # fmt: skip
     quantities = [
-        (*who, name, *pair, *NO_ERRORS) for *who, _, scores in whose for name, pair in scores.quantities.items()
+        (*who, name, *pair, *[np.nan] * 3) for *who, _, scores in whose for name, pair in scores.quantities.items()
     ]  # fmt: skip
     strides = [
         pd.DataFrame({**scores.strides, "recording": name, "subject": subject})

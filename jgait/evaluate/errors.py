@@ -24,10 +24,8 @@ FIELDS = {
 
 
 class DistanceError(NamedTuple):
-    """Distance walked while estimate and reference are both valid; errors are estimate − reference.
-
-    Distances and errors are in m, `rel_error` is error / reference [1]; `rmse` is that of the two distances over the
-    walk, each from 0 at its start.
+    """Distance walked while estimate and reference are both valid [m]; errors are estimate − reference, `rel_error` is
+    over the reference [1], `rmse` is that of the two distances over the walk, each from 0 at its start [m].
     """
 
     estimate: float
@@ -39,15 +37,10 @@ class DistanceError(NamedTuple):
 
 
 class PositionError(NamedTuple):
-    """Root mean square distance between two trajectories of a foot [m].
+    """Root mean square distance between two trajectories of a foot [m]."""
 
-    Attributes:
-        plan: in the horizontal plane, after the best-fitting turn about the vertical and shift.
-        height: in height, after the best-fitting shift.
-    """
-
-    plan: float
-    height: float
+    plan: float  #: in the horizontal plane, after the best-fitting turn about the vertical and shift.
+    height: float  #: in height, after the best-fitting shift.
 
 
 def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
@@ -74,14 +67,11 @@ def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
 
 def _samples(reference: Estimate, window: Window, name: str) -> np.ndarray:
     time = as_float(reference.time)
-    if window is None:
-        return np.ones(time.shape, bool)
     if isinstance(window, tuple) and len(window) == 2:
-        start, end = window
-        if not start < end:
-            raise ValueError(f"{name} must start before it ends; got ({start:g}, {end:g}) s")
-        return (time >= start) & (time <= end)
-    mask = np.asarray(window)
+        if not window[0] < window[1]:
+            raise ValueError(f"{name} must start before it ends; got ({window[0]:g}, {window[1]:g}) s")
+        return (time >= window[0]) & (time <= window[1])
+    mask = np.ones(time.shape, bool) if window is None else np.asarray(window)
     if mask.dtype != np.bool_ or mask.shape != time.shape:
         raise ValueError(
             f"{name} must be (start, end) in seconds or a bool mask of {time.shape} samples; "
@@ -171,23 +161,21 @@ def foot_position_error(estimate: Estimate, reference: Estimate, side: str) -> P
     """
     if estimate.feet is None or reference.feet is None:
         return None
-    ways = [getattr(feet, side) for feet in (estimate.feet, reference.feet)]
+    pair = (estimate, reference)
+    ways = [getattr(estimated.feet, side) for estimated in pair]
     if any(way is None for way in ways):
         return None
-    times = [as_float(estimated.time) for estimated in (estimate, reference)]
+    times = [as_float(estimated.time) for estimated in pair]
     ours_every, theirs_every = ((time[-1] - time[0]) / max(time.size - 1, 1) for time in times)
     coarser = 0 if ours_every > 1.5 * theirs_every else 1
-    pair = (reference, estimate) if coarser == 0 else (estimate, reference)
-    common = common_samples(*pair)
-    at = times[coarser][common]
+    at = times[coarser][common_samples(pair[1 - coarser], pair[coarser])]
     ours, theirs = (
         np.stack([np.interp(at, time, axis) for axis in as_float(way.position).T], axis=1)
         for time, way in zip(times, ways, strict=True)
     )
     gap = yaw_aligned(ours, theirs) - theirs
-    return PositionError(
-        float(np.sqrt(np.mean(np.sum(gap[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(gap[:, 2] ** 2)))
-    )
+    plan, height = np.sum(gap[:, :2] ** 2, axis=1), gap[:, 2] ** 2
+    return PositionError(float(np.sqrt(np.mean(plan))), float(np.sqrt(np.mean(height))))
 
 
 def yaw_aligned(ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:

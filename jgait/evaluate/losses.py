@@ -34,19 +34,14 @@ def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons", names: 
     if reasons:
         raise ValueError("; ".join(reasons))
     objective(estimator, lessons.options, dict.fromkeys(names, 1.0))
-    estimates, data = _estimates(estimator, p, lessons), lessons.data
-    errors = [jax.jit(jax.vmap(LOSSES[name].error))(estimates, data) for name in names]
-    rows: dict[str, PyTree] = {"recording": list(lessons.names), "subject": list(lessons.subjects)}
-    return pd.DataFrame(rows | {name: np.asarray(error) for name, error in zip(names, errors, strict=True)})
-
-
-def _estimates(estimator: Estimator[PyTree, PyTree], p: PyTree, lessons: "Lessons") -> PyTree:
-    """The estimates of all lessons, stacked, by a program of its own, which losses over the same recordings share."""
+    data = lessons.data
 
     def subject_params(body: dict[str, PyTree], _: PyTree) -> PyTree:
         return jax.tree.map(jnp.asarray, estimator.with_body(p, body))
 
-    data, n = lessons.data, len(lessons.names)
-    return program(estimator.run, lessons.options, None)(
-        jax.vmap(subject_params)(data.body, jnp.arange(n)), data.inputs
-    )
+    each = jax.vmap(subject_params)(data.body, jnp.arange(len(lessons.names)))
+    estimates = program(estimator.run, lessons.options, None)(each, data.inputs)  # which losses of one cohort share
+    rows: dict[str, PyTree] = {"recording": list(lessons.names), "subject": list(lessons.subjects)}
+    for name in names:
+        rows[name] = np.asarray(jax.jit(jax.vmap(LOSSES[name].error))(estimates, data))
+    return pd.DataFrame(rows)

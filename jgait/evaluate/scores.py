@@ -38,9 +38,6 @@ class Scores(NamedTuple):
 
 NAN = float("nan")
 
-FACTS = ("notes", "standing", "sensors")
-"""Diagnostics of an estimate that are no quantities."""
-
 DISTANCE_OFF = Kind(
     "reference_distance_off", "check", "the reference says {reference:.2f} m, the estimate {estimate:.2f} m",
     "They differ by a factor of more than 2.5, so one of them is wrong. Look for a typing error or another unit in the "
@@ -55,14 +52,9 @@ STRIDES_OFF = Kind(
     "parameters are tuned to it.",
 )  # fmt: skip
 
-FACTOR, DISTANCE_M = 2.5, 1.0
+FACTOR = 2.5
 """[1] Factor above which a distance and its reference cannot both be right: chosen above the public sets' largest of
-defaults, 2.24 (daily activities, sensor at the waist), and below that of feet and metres; [m] the larger one is at
-least this."""
-
-STRIDES_FACTOR = 1.7
-"""[1] The same of the medians of stride lengths, below that of strides and steps: two times 0.88, the least median of
-estimates over references of shoes and waists on the public sets."""
+defaults, 2.24 (daily activities, sensor at the waist), and below that of feet and metres."""
 
 
 def score(estimate: Estimate, walk: Walk) -> Scores:
@@ -87,25 +79,37 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     quantities: dict[str, tuple[float, float]] = {}
     strides: dict[str, np.ndarray] = {}
     notes: tuple[Note, ...] = ()
-    contradicts: tuple[tuple[str, Note], ...] = ()
+    contradicts: list[tuple[str, Note]] = []
     if reference is not None:
         common = common_samples(estimate, reference)
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
         quantities |= within_two_sd(estimate, reference)
         strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
-        off = distance_notes(*quantities.get("distance_m", (NAN, NAN)))
-        lengths_off, factor = _strides_notes(strides, estimate, reference)
-        notes += off + lengths_off
-        wrong = {"distance_m": off, "stride_length_m": lengths_off if factor > FACTOR else ()}
-        contradicts = tuple((name, note) for name, each in wrong.items() for note in each)
+        way, known_way = quantities.get("distance_m", (NAN, NAN))
+        if max(way, known_way) >= 1.0 and _apart(way, known_way, FACTOR):
+            off = DISTANCE_OFF(reference=known_way, estimate=way)
+            notes, contradicts = (*notes, off), [("distance_m", off)]
+        length, known_length = _median_lengths(strides, estimate, reference)
+        # below the factor of strides and steps: two times 0.88, the least median of estimates over references of shoes
+        # and waists on the public sets
+        if _apart(length, known_length, 1.7):
+            off = STRIDES_OFF(reference=known_length, estimate=length)
+            notes = (*notes, off)
+            contradicts += [("stride_length_m", off)] if _apart(length, known_length, FACTOR) else []
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
         quantities["distance_m"] = (float(way[-1] - way[0]), NAN) if way.size else (NAN, NAN)
     known = {} if reference is None else reference.diagnostics
     for name, value in estimate.diagnostics.items():
-        if name not in FACTS and _is_number(value):
+        if _is_number(value):
             quantities[name] = (float(value), float(known[name]) if _is_number(known.get(name)) else NAN)
-    return Scores(quantities, strides, notes, contradicts)
+    return Scores(quantities, strides, notes, tuple(contradicts))
+
+
+def _apart(estimate: float, reference: float, factor: float) -> bool:
+    """Whether an estimate and its reference differ by more than a factor; False where one of them is NaN."""
+    low, high = sorted((estimate, reference))
+    return high > 0.0 and high > factor * low
 
 
 def _is_number(value: npt.ArrayLike | None) -> bool:
@@ -123,31 +127,17 @@ def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> di
     return {"distance_m": (float(ours[last] - ours[first]), float(theirs[last] - theirs[first]))}
 
 
-def distance_notes(estimate: float, reference: float) -> tuple[Note, ...]:
-    """A note if a distance [m] and that of the reference cannot both be right; none where one of them is NaN."""
-    low, high = sorted((estimate, reference))
-    off = high >= DISTANCE_M and high > FACTOR * low
-    return (DISTANCE_OFF(reference=reference, estimate=estimate),) if off else ()
-
-
-def _strides_notes(
-    rows: dict[str, np.ndarray], estimate: Estimate, reference: Estimate
-) -> tuple[tuple[Note, ...], float]:
-    """A note if the lengths of strides and those of the reference cannot both be right, and their factor [1]."""
+def _median_lengths(rows: dict[str, np.ndarray], estimate: Estimate, reference: Estimate) -> tuple[float, float]:
+    """Median length of strides by the estimate and by the reference [m], of strides that both have; NaN without any."""
     if not rows:
-        return (), 1.0
+        return NAN, NAN
     lengths = rows["quantity"] == "stride_length_m"
     ours, theirs = rows["estimate"][lengths], rows["reference"][lengths]
     if estimate.strides is None and not np.isfinite(ours).any() and reference.strides is not None:
         # No stride is as long as the reference's distance: the lengths of all may be wrong.
         ours = _gained(estimate, _ordered(reference.strides))
     known = np.isfinite(ours) & np.isfinite(theirs) & (theirs > 0.0)
-    if not known.any():
-        return (), 1.0
-    values = {"reference": float(np.median(theirs[known])), "estimate": float(np.median(ours[known]))}
-    low, high = sorted(values.values())
-    factor = high / low if low > 0.0 else np.inf
-    return ((STRIDES_OFF(**values),) if factor > STRIDES_FACTOR else ()), factor
+    return (float(np.median(ours[known])), float(np.median(theirs[known]))) if known.any() else (NAN, NAN)
 
 
 def _trajectories(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:

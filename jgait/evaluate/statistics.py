@@ -1,7 +1,14 @@
-"""Statistics of a cohort's errors: intervals over subjects, agreement with a reference, change of errors.
+"""Agreement of estimates with their reference, and changes of errors, with intervals over people.
 
 Strides of one person are not independent: confidence intervals are computed by resampling subjects, or from the
 variance over subjects. On the host, in NumPy, SciPy and pandas.
+
+Source:
+    Shrout and Fleiss, Intraclass correlations: uses in assessing rater reliability, Psychological Bulletin 86 (1979).
+    McGraw and Wong, Forming inferences about some intraclass correlation coefficients, Psychological Methods 1 (1996).
+    Bland and Altman, Statistical methods for assessing agreement between two methods of clinical measurement, Lancet
+    327 (1986); Agreement between methods of measurement with multiple observations per individual, Journal of
+    Biopharmaceutical Statistics 17 (2007).
 """
 
 from collections.abc import Sequence
@@ -10,11 +17,174 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.evaluate.reliability import LEVEL, finite_pair, icc21, icc_of_squares, limits_of_agreement
-from jgait.types import as_float, numbered_people
+from jgait.types import Values, as_float, numbered_people
 
 if TYPE_CHECKING:
     import pandas as pd
+
+LEVEL = 0.95
+"""[1] Coverage probability of every interval, and share of differences between the limits of agreement."""
+
+
+class Icc(NamedTuple):
+    """Intraclass correlation of n targets [1], with its confidence interval; NaN where all targets are equal."""
+
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+class Limits(NamedTuple):
+    """Bias and limits of agreement, each with its confidence interval, in the unit of the measurement.
+
+    Attributes:
+        bias: mean of estimate − reference; `bias_low` and `bias_high` are the ends of its interval.
+        sd: standard deviation of a single difference, of any measurement of any subject.
+        lower: lower limit of agreement, with the ends of its interval.
+        upper: upper limit of agreement, with the ends of its interval.
+        n: number of differences.
+        n_subjects: number of subjects; n where each difference is of another subject.
+    """
+
+    bias: float
+    bias_low: float
+    bias_high: float
+    sd: float
+    lower: float
+    lower_low: float
+    lower_high: float
+    upper: float
+    upper_low: float
+    upper_high: float
+    n: int
+    n_subjects: int
+
+
+def icc21(ratings: npt.ArrayLike) -> Icc:
+    """Intraclass correlation ICC(2,1): two-way random effects, absolute agreement, single measurement.
+
+    ICC = (MSR − MSE) / (MSR + (k − 1) MSE + k (MSC − MSE) / n), with the mean squares of rows, columns and residual.
+    The interval is that of `LEVEL`, and assumes independent targets.
+
+    Args:
+        ratings: (n, k), one row a target, one column a rater; finite.
+
+    Raises:
+        ValueError: if there are not at least two targets and two raters, or a rating is not finite.
+
+    Source:
+        Shrout and Fleiss 1979, table 4 and its interval; McGraw and Wong 1996, table 7, case 2, ICC(A,1).
+    """
+    table = as_float(ratings)
+    if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
+        raise ValueError(f"ratings must be finite and (n, k) with n, k >= 2; got shape {table.shape}")
+    n, k = table.shape
+    table = table - table.mean()
+    rows, columns = table.mean(axis=1), table.mean(axis=0)
+    between = k * np.sum(rows**2) / (n - 1)
+    raters = n * np.sum(columns**2) / (k - 1)
+    rest = np.sum((table - rows[:, None] - columns) ** 2) / ((n - 1) * (k - 1))
+    value = float(icc_of_squares(between, raters, rest, n, k))
+    return Icc(value, *_icc_interval(value, between, raters, rest, n, k), n)
+
+
+def icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: int) -> np.ndarray:
+    """ICC(2,1) from the mean squares of targets, raters and residual; NaN where all are 0; see `icc21`."""
+    total = as_float(between + (k - 1) * rest + k * (raters - rest) / n)
+    return np.divide(between - rest, total, out=np.full_like(total, np.nan), where=total > 0.0)
+
+
+def _icc_interval(value: float, between: float, raters: float, rest: float, n: int, k: int) -> tuple[float, float]:
+    """McGraw and Wong's interval; NaN where Satterthwaite's degrees of freedom are 0, possible if ICC < 0."""
+    from scipy import stats
+
+    if not value < 1.0:  # all ratings agree exactly, or all are equal: without noise no interval can be computed
+        return value, value
+    a = k * value / (n * (1.0 - value))
+    parts = np.array([a * raters, (1.0 + a * (n - 1)) * rest])
+    top = 0.5 + LEVEL / 2.0
+    with np.errstate(all="ignore"):
+        freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([k - 1.0, (n - 1.0) * (k - 1.0)]))
+        down, up = stats.f.ppf(top, n - 1, freedom), stats.f.ppf(top, freedom, n - 1)
+        noise = k * raters + (k * n - k - n) * rest
+        low = n * (between - down * rest) / (down * noise + n * between)
+        high = n * (up * between - rest) / (noise + n * up * between)
+    return (float(low), float(high)) if np.isfinite([low, high]).all() else (np.nan, np.nan)
+
+
+def limits_of_agreement(
+    estimate: npt.ArrayLike, reference: npt.ArrayLike, *, subjects: npt.ArrayLike | None = None
+) -> Limits:
+    """Bland and Altman's limits, which contain the share `LEVEL` of the differences estimate − reference.
+
+    limits = bias ± z √(σ_B² + σ_W²). An unbalanced one-way analysis of variance gives σ_W² within subjects and
+    σ_B² = (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²) between subjects, m the rows of each of n subjects, and not below 0.
+    The intervals add the variances of the bias and of z times the standard deviation, with t of n − 1; with 15
+    subjects of 1 to 11 rows, the intervals of the bias cover in 95 % of cases and those of the limits in 90 %.
+
+    Args:
+        estimate: (N,), finite.
+        reference: (N,), finite.
+        subjects: (N,) the subject of each row; None where each row is of another subject.
+
+    Raises:
+        ValueError: if lengths differ, a value is not finite, or there are fewer than two subjects.
+
+    Source:
+        Bland and Altman 1986, and 2007 section 3 (the true value varies) for repeated measurements.
+    """
+    from scipy import stats
+
+    ours, theirs = finite_pair(estimate, reference, "estimate", "reference")
+    difference = ours - theirs
+    if subjects is not None and np.shape(subjects) != difference.shape:
+        raise ValueError(f"subjects must name one of each of {difference.size} rows; got shape {np.shape(subjects)}")
+    codes = np.arange(ours.size) if subjects is None else numbered_people(np.asarray(subjects, object))[1]
+    count = int(codes.max()) + 1
+    if count < 2:
+        raise ValueError(f"limits of agreement need at least two subjects; got {count}")
+    bias = float(difference.mean())
+    variance, of_bias, of_sd = _variances(difference, np.bincount(codes), codes)
+    sd, top = float(np.sqrt(variance)), 0.5 + LEVEL / 2.0
+    z, t = float(stats.norm.ppf(top)), float(stats.t.ppf(top, count - 1))
+    half, wide = float(t * np.sqrt(of_bias)), float(t * np.sqrt(of_bias + z**2 * of_sd))
+    lower, upper = bias - z * sd, bias + z * sd
+    return Limits(
+        *(bias, bias - half, bias + half), sd,
+        *(lower, lower - wide, lower + wide), *(upper, upper - wide, upper + wide), ours.size, count,
+    )  # fmt: skip
+
+
+def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> tuple[float, float, float]:
+    """Variances of one difference, of the mean difference, and of the estimated standard deviation."""
+    n, total = sizes.size, difference.size
+    means = np.bincount(codes, difference) / sizes
+    between = float(np.sum(sizes * (means - difference.mean()) ** 2) / (n - 1))
+    if total == n:
+        return between, between / n, between / (2.0 * (n - 1))
+    within = float(np.sum((difference - means[codes]) ** 2) / (total - n))
+    share = (n - 1) * total / float(total**2 - np.sum(sizes**2))
+    persons = max(share * (between - within), 0.0)
+    variance = persons + within
+    of_bias = persons * float(np.sum(sizes**2)) / total**2 + within / total
+    if persons == 0.0:
+        return variance, of_bias, variance / (2.0 * (total - n))
+    spread = 2.0 * ((share * between) ** 2 / (n - 1) + ((1.0 - share) * within) ** 2 / (total - n))
+    return variance, of_bias, spread / (4.0 * variance)
+
+
+def finite_pair(column: npt.ArrayLike, other: npt.ArrayLike, *names: str) -> tuple[np.ndarray, np.ndarray]:
+    """Two equally long columns of finite numbers, at least two of them."""
+    first, second = as_float(column), as_float(other)
+    if first.ndim != 1 or first.shape != second.shape or first.size < 2:
+        raise ValueError(
+            f"{names[0]} and {names[1]} must be (n,) with the same n >= 2; got {first.shape} and {second.shape}"
+        )
+    for name, values in zip(names, (first, second), strict=True):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} must be finite; {int(np.sum(~np.isfinite(values)))} of {values.size} are not")
+    return first, second
 
 
 AGREEMENT = (
@@ -22,10 +192,6 @@ AGREEMENT = (
     "max_abs", "icc", "icc_low", "icc_high", "n_dropped",
 )  # fmt: skip
 """Columns of the table of `agreement`."""
-
-
-ROUNDING = 1e-6
-"""[1] Share of a reference's size below which its values are all the same."""
 
 RESAMPLES = 2000
 """Number of resamples of an interval over subjects."""
@@ -61,11 +227,8 @@ def _draws(count: int, seed: int, resamples: int) -> np.ndarray:
 
 def _ends(values: npt.ArrayLike) -> tuple[float, float]:
     """Lower and upper quantile that enclose the central share `LEVEL` of the finite values."""
-    values = as_float(values)
-    values = values[np.isfinite(values)]
-    if not values.size:
-        return np.nan, np.nan
-    low, high = np.quantile(values, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
+    known = as_float(values)[np.isfinite(values)]
+    low, high = np.quantile(known, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0]) if known.size else (np.nan, np.nan)
     return float(low), float(high)
 
 
@@ -161,18 +324,14 @@ def _agreement(pairs: np.ndarray, codes: np.ndarray, *, seed: int, resamples: in
         return row
     size = np.abs(error)
     row |= {"bias": error.mean(), "rmse": np.sqrt(np.mean(error**2)), "mae": size.mean(), "max_abs": size.max()}
-    varies = np.ptp(pairs[:, 1]) > ROUNDING * np.abs(pairs[:, 1]).max()
+    varies = np.ptp(pairs[:, 1]) > 1e-6 * np.abs(pairs[:, 1]).max()  # else rounding errors
     if n > 1 and varies:
         row |= {"icc": icc21(pairs).value}
     if count < 2:
         return row
     limits = limits_of_agreement(*pairs.T, subjects=codes)
-    row |= {
-        "bias_low": limits.bias_low,
-        "bias_high": limits.bias_high,
-        "loa_low": limits.lower,
-        "loa_high": limits.upper,
-    }
+    row |= {"bias_low": limits.bias_low, "bias_high": limits.bias_high}
+    row |= {"loa_low": limits.lower, "loa_high": limits.upper}
     sums = _moments(pairs, codes)
     drawn = np.array([sums[draw].sum(axis=0) for draw in _draws(count, seed, resamples)])
     row["mae_low"], row["mae_high"] = _ends(drawn[:, 1] / drawn[:, 0])

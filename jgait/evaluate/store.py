@@ -45,8 +45,6 @@ _PARTS = {
     "read": "how files are read", "score": "the comparison with the reference", "precision": "the precision",
 }  # fmt: skip
 """Part of the description of an evaluation → its meaning."""
-_SHORT = 100
-"""[characters] Longest value that an error message shows."""
 
 
 class OtherEvaluationError(ValueError):
@@ -81,8 +79,7 @@ class Cohort(NamedTuple):
         ]
         left_out = self.recordings.loc[grave, "recording"]
         recordings, quantities, strides = (
-            rows[~rows["recording"].isin(left_out)].reset_index(drop=True)
-            for rows in (self.recordings, self.quantities, self.strides)
+            rows[~rows["recording"].isin(left_out)].reset_index(drop=True) for rows in self[:3]
         )
         return Cohort(recordings, quantities, strides, self.failures)
 
@@ -147,10 +144,6 @@ def joined(parts: Iterable[Cohort]) -> Cohort:
     return Cohort(*(table.assign(subject=table["subject"].map(name_of).astype(str)) for table in tables))
 
 
-POLL = 0.5
-"""[s] Time between two looks for the results of other processes."""
-
-
 class Folder:
     """Tables that grow on disk, a folder of CSV files a batch."""
 
@@ -196,7 +189,7 @@ class Folder:
     def wait(self, names: set[str]) -> None:
         """Wait until all these recordings are finished, those of other processes too."""
         while not names <= self.done():
-            time.sleep(POLL)
+            time.sleep(0.5)
 
     def append(self, part: Cohort) -> None:
         """Add the rows of a batch: all rows, or none if the process is killed meanwhile."""
@@ -220,9 +213,8 @@ def _differences(there: dict[str, str], here: dict[str, str]) -> str:
     differ = [name for name in sorted({*there, *here}) if there.get(name) != here.get(name)]
     words = []
     for name in ["estimator"] if "estimator" in differ else differ:
-        both = there.get(name, "none"), here.get(name, "none")
-        shown = f" ({both[0]}; now {both[1]})" if max(map(len, both)) <= _SHORT else ""
-        words.append(_PARTS.get(name, name) + shown)
+        before, now = there.get(name, "none"), here.get(name, "none")
+        words.append(_PARTS.get(name, name) + (f" ({before}; now {now})" if max(len(before), len(now)) <= 100 else ""))
     return ", ".join(dict.fromkeys(words))
 
 

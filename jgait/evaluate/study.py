@@ -31,9 +31,6 @@ from jgait.types import AnyArray, Imu, Recording, RecordingError, Walk, as_float
 if TYPE_CHECKING:
     import pandas as pd
 
-FULL_HZ = 200.0
-"""[Hz] Rate at which people are simulated; set-ups have lower rates."""
-
 
 @record
 class Setup(NamedTuple):
@@ -110,7 +107,7 @@ def estimator_of(recording: Recording) -> Estimator[PyTree, PyTree]:
 
 def people(
     key: PRNGKeyArray, n: int = 50, *, metres: float = 30.0, gait: str | None = None, sensor: ImuErrors = ON_SHOE,
-    placements: Sequence[str] = simulate.SEVEN, rate_hz: float = FULL_HZ,
+    placements: Sequence[str] = simulate.SEVEN, rate_hz: float = 200.0,
 ) -> list[Walk]:  # fmt: skip
     """Simulated walks of people like those of a study, of full quality, with their truth and body measures.
 

@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.evaluate.reliability import Limits, limits_of_agreement
-from jgait.evaluate.statistics import paired_difference, require_columns
+from jgait.evaluate.statistics import Limits, limits_of_agreement, paired_difference, require_columns
 from jgait.plot.style import BLUE, DASHED, RED, REFERENCE, Axes, Figure, Style, blank
 from jgait.types import numbered_people, people
 
@@ -45,9 +44,6 @@ def _rows(table: "pd.DataFrame", quantity: str) -> "pd.DataFrame":
 APART = 0.11
 """Smallest distance of two labels of two lines that do not overlap [share of the axis' height]."""
 
-SMALLEST = 1e-6
-"""Smallest half-height of an agreement figure [share of the largest mean]."""
-
 
 def bland_altman(
     table: "pd.DataFrame",
@@ -78,7 +74,7 @@ def bland_altman(
     axis = axes[0, 0]
     ends = np.array([difference.min(), limits.lower_low, difference.max(), limits.upper_high])
     # if all differences are rounding errors, the axes still have a height above 0
-    room = max(0.04 * np.ptp(ends), SMALLEST * np.abs(mean).max(), np.finfo(float).tiny)
+    room = max(0.04 * np.ptp(ends), 1e-6 * np.abs(mean).max(), np.finfo(float).tiny)
     axis.set_ylim(ends[:2].min() - room, ends[2:].max() + room)
     _limits(axis, limits, unit)
     size = 26.0 if len(rows) < 300 else 12.0

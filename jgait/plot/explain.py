@@ -9,13 +9,10 @@ from jgait.tune import Explanation
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_BARS = 10
-"""Largest number of bars; smaller effects are left out."""
-
 
 def explanation(explained: Explanation, *, title: str = "") -> Figure:
     """Bars of the effects of each assumption on a number, the largest first; see `jgait.tune.explain`."""
-    rows = [a for a in explained.assumptions if a.share >= 5e-4][:MOST_BARS]
+    rows = [a for a in explained.assumptions if a.share >= 5e-4][:10]
     figure, ((axis,),) = blank(1, 1, 6.5, 0.9 + 0.3 * max(len(rows), 1))
     factor, unit = explained.small
     effects = [factor * abs(a.effect) for a in rows]

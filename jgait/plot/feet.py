@@ -22,9 +22,6 @@ REFERENCE: dict[str, Style] = {
     "right": {"color": "#7b1d12", "linewidth": 1.0, "linestyle": (0, (5, 2))},
     "left": {"color": RED, "linewidth": 1.1, "linestyle": (0, (1, 1.4))},
 }
-SERIES = ("stride_length_m", "stride_width_m", "stride_height_m")
-PANELS = ("stride_length_m", "stride_duration_s", "stride_height_m", "turn_deg")
-"""Columns of the table of strides that `stride_series` and `leg_strides` draw."""
 
 
 def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
@@ -155,7 +152,7 @@ def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
-    figure = _series(estimate, SERIES, "foot", joined=False)
+    figure = _series(estimate, ("stride_length_m", "stride_width_m", "stride_height_m"), "foot", joined=False)
     legend(figure, title, columns=5)
     return figure
 
@@ -168,7 +165,9 @@ def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
     Raises:
         ValueError: if the estimate has no strides, or none of them is valid.
     """
-    figure = _series(estimate, PANELS, "leg", joined=True)
+    figure = _series(
+        estimate, ("stride_length_m", "stride_duration_s", "stride_height_m", "turn_deg"), "leg", joined=True
+    )
     legend(figure, title)
     return figure
 

@@ -5,9 +5,6 @@ import numpy as np
 from jgait.plot.style import Figure, blank
 from jgait.types import Recording, as_float
 
-AXIS_STYLE = (("x", "-"), ("y", "--"), ("z", ":"))
-"""Axis of a sensor and its line."""
-
 
 def signals(recording: Recording, *, title: str = "") -> Figure:
     """Angular rates and specific forces of all sensors over time; there is a gap where samples are masked.
@@ -33,7 +30,7 @@ def signals(recording: Recording, *, title: str = "") -> Figure:
                 panel.set_axis_off()
                 continue
             known = np.where(lost, np.nan, as_float(values))
-            for column, (axis, line) in zip(known.T, AXIS_STYLE, strict=True):
+            for column, (axis, line) in zip(known.T, (("x", "-"), ("y", "--"), ("z", ":")), strict=True):
                 panel.plot(as_float(imu.time), column, line, color="black", linewidth=0.8, label=axis)
             panel.grid(alpha=0.3)
     axes[0, 0].set_title("angular rate [deg/s]")
