@@ -118,10 +118,6 @@ class Recording(NamedTuple):
         return f"Recording({self.name!r}: {'; '.join(parts)})"
 
 
-NOBODY = ("None", "nan", "<NA>", "NaT")
-"""The printed forms of missing labels, which are no text themselves."""
-
-
 def people(labels: Iterable[Hashable]) -> list[str]:
     """The name of each label's person: the person's first label as text, without spaces at the ends.
 
@@ -132,7 +128,7 @@ def people(labels: Iterable[Hashable]) -> list[str]:
         ValueError: if a label is missing (None or NaN).
     """
     listed = list(labels)
-    missing = sum(not isinstance(label, str) and str(label) in NOBODY for label in listed)
+    missing = sum(not isinstance(label, str) and str(label) in ("None", "nan", "<NA>", "NaT") for label in listed)
     if missing:
         raise ValueError(f"every row needs a subject; {missing} of {len(listed)} have none")
     texts = [str(label).strip() for label in listed]

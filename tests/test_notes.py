@@ -14,7 +14,7 @@ import pytest
 from made.notes import kinds
 
 import jgait
-from jgait.commands import cohort
+from jgait.commands import cohort_table
 from jgait.estimators.notes import STRIDES_UNCERTAIN
 from jgait.io.checks.readings import MASKED
 from jgait.notes import (
@@ -164,7 +164,7 @@ def test_no_code_reads_facts_out_of_sentences():
 )
 def test_recordings_are_counted_in_the_singular_and_the_plural(many, whole, words):
     assert of_recordings(many, whole, "is", "are") == words
-    note = cohort.MEASURE_OF_SOME(without=many, recordings=whole, column="height_m")
+    note = cohort_table.MEASURE_OF_SOME(without=many, recordings=whole, column="height_m")
     assert str(note).startswith(words.replace("is", "has").replace("are", "have"))
 
 

@@ -1,34 +1,226 @@
-"""The reference of a recording of a cohort: a distance, or files of samples and of strides."""
+"""A user's table of recordings: its rows, the measures of people, references, and what is doubtful about it."""
 
-from collections.abc import Sequence
+import contextlib
+import csv
+import difflib
+import hashlib
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait import io
+from jgait import estimators, io
+from jgait.commands.pipeline import measures_of
+from jgait.commands.recordings import recording_of
+from jgait.estimators import proportions
+from jgait.estimators.about import BodyMeasure
+from jgait.io.names import like_a_signal
 from jgait.io.strides import TIMES
 from jgait.io.text import read_table
-from jgait.notes import Kind
+from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
+from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
 from jgait.types import Recording, Walk
 
 if TYPE_CHECKING:
     import pandas as pd
 
+MEASURES = {
+    f"{measure.name}_{measure.unit}": measure
+    for estimator in map(estimators.get, estimators.names())
+    for measure in estimator.about.measures if measure.name in measures_of(estimator)
+}  # fmt: skip
+"""Column → the body measure in this column, for all estimators; measures that are parameters of an estimator."""
+
+NUMBERS = {
+    **MEASURES, "distance_m": BodyMeasure("distance", "m", 0.01, 1e6, "distance walked"),
+    "sampling_rate_hz": BodyMeasure("sampling_rate", "Hz", 0.1, 1e6, "sampling rate"),
+}  # fmt: skip
+"""Columns of numbers."""
+
 REFERENCES = ("reference_samples", "reference_strides")
 """Columns of files with a reference, see `io.reference_from_tables`."""
 
-REFERENCE_TIMES = ("time_s", *(f"{name}_s" for name in TIMES))
-"""Columns of times in these files."""
+COLUMNS = ("file", "subject", "day", *NUMBERS, *REFERENCES)
 
+SUBJECTS_UNKNOWN = Kind(
+    "subjects_unknown", "info", "no column 'subject': every recording counts as another person",
+    "If recordings are of the same people, intervals are narrower than they should be.",
+)  # fmt: skip
+MEASURE_OF_SOME = Kind(
+    "measure_of_some", "check",
+    "{without} of {recordings} {recordings:recording|recordings} {without:has|have} no {column}: the default length is "
+    "taken for {without:it|them}",
+    DEFAULT_MEASURE,
+)  # fmt: skip
+COPIED = Kind(
+    "recording_copied", "check", "{recording} and {other} hold the same recording",
+    "It counts twice, or as the recording of another person or day: intervals are too narrow, and what is tuned is "
+    "judged on data that it was learned from. Leave one of the two out.",
+)  # fmt: skip
 DISTANCE_NOT_USED = Kind(
     "reference_distance_not_used", "check", "distance_m of the table is not used, because {file} has no such column",
     "The reference is that file's. Write the distance walked so far into it to compare the distance as well.",
 )  # fmt: skip
 
 
-def with_reference(
+def is_cohort(path: Path) -> bool:
+    """Whether a table has a column `file`, and none of a sensor; False for a file that cannot be read."""
+    if not path.is_file():
+        return False
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
+            header = stream.readline(100_000)
+    except OSError:
+        return False
+    names = [name.strip().strip('"').lower() for name in re.split("[,;\t\n]", header)]
+    return "file" in names and not any(map(like_a_signal, names))
+
+
+def rows_of(path: Path) -> tuple[dict[str, dict[str, str]], list[str], list[tuple[str, str]]]:
+    """The rows of a table by file, its columns, and (name, reason) of rows that cannot be used.
+
+    Raises:
+        ValueError: if the file is no table with a column `file`.
+    """
+    if not path.is_file():
+        raise ValueError(f"there is no such file: {path}")
+    try:
+        lines = [line for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is no text file in UTF-8: {error}") from error
+    if len(lines) < 2:
+        raise ValueError(f"{path} must have a header and a row for each recording; it has {len(lines)} lines")
+    separator = max((",", ";", "\t"), key=lines[0].count)
+    header, *records = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+    names = [name.strip().lower() for name in header]
+    if "file" not in names:
+        listed = ", ".join(map(repr, names[:8])) + (", …" if len(names) > 8 else "")
+        raise ValueError(f"{path} needs a column 'file'; it has {listed}{_meant('file', names, 0.6)}")
+    rows: dict[str, dict[str, str]] = {}
+    failures: list[tuple[str, str]] = []
+    for number, record in enumerate(records, 2):
+        row = {name: cell.strip() for name, cell in zip(names, record, strict=False)}
+        file = row.get("file", "")
+        if len(record) > len(names):
+            failures.append((file or f"line {number}", f"line {number} has more cells than the header has columns"))
+        elif not file or file in rows:
+            failures.append((f"line {number}", f"{file} is listed twice" if file else "it names no file"))
+        else:
+            rows[file] = row
+    return rows, names, failures
+
+
+def _meant(name: str, known: Iterable[str], cutoff: float) -> str:
+    near = difflib.get_close_matches(name, known, 1, cutoff)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+class CohortFiles:
+    """Reads the rows of a table; its `repr` has the units only, because the rows are stored with the results."""
+
+    def __init__(
+        self, folder: Path, rows: dict[str, dict[str, str]], gyr_unit: str | None, acc_unit: str | None
+    ) -> None:
+        for unit, units, option in ((gyr_unit, GYR_UNITS, "--gyr-unit"), (acc_unit, ACC_UNITS, "--acc-unit")):
+            if unit is not None:
+                unit_scale(unit, units, option)
+        self.folder, self.rows, self.gyr_unit, self.acc_unit = folder, rows, gyr_unit, acc_unit
+        self.shown = folder  #: as messages name it.
+
+    def __repr__(self) -> str:
+        given = {"angular rates": self.gyr_unit, "accelerations": self.acc_unit}
+        return ", ".join(f"{what} in {unit or 'the unit of the file'}" for what, unit in given.items())
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "folder": self.folder.resolve()}  # another process may run in another folder
+
+    def __call__(self, file: str) -> Walk:
+        """The walk of a row, with its reference."""
+        row = self.rows[file]
+        recording, known = self.recording(file, gyr_unit=self.gyr_unit, acc_unit=self.acc_unit)
+        files = [self.folder / row[name] if row.get(name) else None for name in REFERENCES]
+        return _with_reference(recording, _number(row, "distance_m"), files, {"body": known, "day": row.get("day")})
+
+    def recording(self, file: str, **how: Any) -> tuple[Recording, dict[str, float]]:
+        """The recording of a row, read by `recording_of` with further arguments, and the measures of its person."""
+        row = self.rows[file]
+        numbers = {name: _number(row, name) for name in NUMBERS}
+        if not (self.folder / file).exists():
+            raise FileNotFoundError(f"there is no such file: {self.shown / file}")
+        how["rate"] = numbers["sampling_rate_hz"] or how.get("rate")
+        recording = recording_of(self.folder / file, name=file, subject=row.get("subject") or file, **how)
+        known = {measure.name: numbers[name] for name, measure in MEASURES.items()}
+        return recording, {name: value for name, value in known.items() if value is not None}
+
+    def files(self, file: str, columns: Sequence[str] = ("file", *REFERENCES)) -> dict[str, Path]:
+        """The files in these columns of a row, by the names in its cells."""
+        named = filter(None, map(self.rows[file].get, columns))
+        return {name: self.folder / name for name in named}
+
+    def mark(self, file: str) -> str:
+        """A text for a row and the versions of its files."""
+        row, states = self.rows[file], []
+        for path in self.files(file).values():
+            state = path.stat() if path.exists() else None
+            states.append("missing" if state is None else f"{state.st_size} bytes of {state.st_mtime_ns}")
+        cells = ", ".join(f"{name} {row[name]}" for name in COLUMNS if row.get(name) and name != "file")
+        return f"{cells} ({'; '.join(states)})"
+
+
+def _number(row: dict[str, str], name: str) -> float | None:
+    """The number in a column, None where the cell is empty. Raises ValueError if it is none, or out of its range."""
+    measure, text = NUMBERS[name], row.get(name, "")
+    if not text:
+        return None
+    try:
+        value = float(text.replace(",", "."))
+    except ValueError:
+        value = math.nan
+    if not measure.low <= value <= measure.high:
+        raise ValueError(f"{name} must be between {measure.low:g} and {measure.high:g} {measure.unit}; got {text!r}")
+    return value
+
+
+def table_notes(names: Sequence[str], rows: Mapping[str, Mapping[str, str]], measures: Sequence[str]) -> list[Note]:
+    """Notes about columns that the user may have misspelt or forgotten; `measures` are those of the estimator."""
+    others = [name for name in names if name not in COLUMNS]
+    notes = [LEFT_OUT.note(f"column {name!r} is left out{_meant(name, COLUMNS, 0.7)}") for name in others]
+    if not any(row.get("subject") for row in rows.values()):
+        notes.append(SUBJECTS_UNKNOWN())
+    # measures of which a note says that the default is used: the result is proportional to them, or shifted
+    asked = {
+        name for about in map(estimators.about_of, estimators.names()) for of in about.missing for name in of.measures
+    }
+    for name in [name for name in measures if name in asked and name != "height"]:
+        columns = (f"{name}_m", "height_m") if name in (*proportions.SHARES, "sensor_height") else (f"{name}_m",)
+        without = sum(not any(row.get(column) for column in columns) for row in rows.values())
+        if without:
+            notes.append(MEASURE_OF_SOME(without=without, recordings=len(rows), column=" nor ".join(columns)))
+    return notes
+
+
+def copies_among(files: Mapping[str, Path]) -> list[Note]:
+    """Notes on the recordings, by name, whose files are copies; files that cannot be read are no copies."""
+    names: dict[str, str] = {}
+    copies = []
+    for name, path in files.items():
+        with contextlib.suppress(OSError):
+            other = names.setdefault(content_of(path), name)
+            copies += [COPIED(recording=name, other=other)] if other != name else []
+    return copies
+
+
+def content_of(path: Path) -> str:
+    """The SHA-256 of a file, or of all files of a folder."""
+    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+
+
+def _with_reference(
     recording: Recording, way: float | None, files: Sequence[Path | None], info: dict[str, object]
 ) -> Walk:
     """A recording with the reference of its row: a distance [m], or None, and files of samples and of strides."""
@@ -38,10 +230,7 @@ def with_reference(
     if not any(files):
         return Walk(recording, whole, info)
     begins = of_sensor(recording.quality, placement).begin
-    for file in files:
-        if file is not None and not file.exists():
-            raise FileNotFoundError(f"there is no such file: {file}")
-    tables = (None if file is None else _from_first(read_table(file)[0], begins) for file in files)
+    tables = [None if file is None else _from_first(file, begins) for file in files]
     reference, samples = io.reference_from_tables(time, *tables), files[0]
     if reference.distance is None and whole is not None and samples is None:
         reference = reference._replace(distance=whole.distance, valid=whole.valid)
@@ -50,7 +239,10 @@ def with_reference(
     return Walk(recording, reference, info)
 
 
-def _from_first(table: "pd.DataFrame", begins: float) -> "pd.DataFrame":
+def _from_first(file: Path, begins: float) -> "pd.DataFrame":
     """A table of a reference whose times count from a sample with this time in the file [s]."""
-    times = {name: table[name] - begins for name in table.columns if name in REFERENCE_TIMES}
+    if not file.exists():
+        raise FileNotFoundError(f"there is no such file: {file}")
+    table = read_table(file)[0]
+    times = {name: table[name] - begins for name in ("time_s", *(f"{name}_s" for name in TIMES)) if name in table}
     return table.assign(**times) if begins else table

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn,
 from rich.table import Table
 from rich.text import Text
 
+from jgait.io.atomic import write_text
 from jgait.notes import by_reason, printable
 from jgait.types import reason_of
 
@@ -65,8 +66,6 @@ def plain(value: PyTree) -> PyTree:
 
 def write(file: Path, text: str) -> None:
     """Write a text into a folder that is made; exits with code 2 if it cannot be written."""
-    from jgait.io.atomic import write_text
-
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_text(file, text)
@@ -74,12 +73,8 @@ def write(file: Path, text: str) -> None:
         stop(f"{file} could not be written: {error}")
 
 
-PATIENCE_S = 20.0
-"""[s] Where there is no terminal to draw a bar, a line states the progress as often as this."""
-
-
 class Bar:
-    """One progress bar, updated for each task; in a file or a pipe, lines from time to time."""
+    """One progress bar, updated for each task; in a file or a pipe, a line every 20 s."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
@@ -92,7 +87,7 @@ class Bar:
             self.progress.reset(self.task, total=total)
         self.progress.update(self.task, description=visible(what), completed=done, total=total)
         now = self.progress.get_time()
-        if not errors.is_terminal and now - self.stated > PATIENCE_S:
+        if not errors.is_terminal and now - self.stated > 20.0:
             self.stated = now
             errors.print(visible(what) + (f": {done} of {total}" if total else ""), highlight=False, soft_wrap=True)
 
@@ -137,19 +132,21 @@ def count(number: int, singular: str, plural: str) -> str:
     return f"{number} {singular if number == 1 else plural}"
 
 
-def table_of(*headings: str, rows: Iterable[Sequence[object]] = (), left: int = 1, title: str | None = None) -> Table:
-    """A table, its first columns aligned left, the others right; rows may be shorter than the headings."""
+def show(
+    *headings: str, rows: Iterable[Sequence[object]], below: Iterable[Sequence[object]] = (), left: int = 1,
+    title: str | None = None,
+) -> None:  # fmt: skip
+    """Print a table, its first columns aligned left, the others right; rows may be shorter than the headings, those
+    `below` are of a section of their own.
+    """
     table = Table(title=title, title_justify="left")
     for number, heading in enumerate(headings):
         table.add_column(escape(heading), justify="left" if number < left else "right")
-    for row in rows:
-        table.add_row(*map(visible, row))
-    return table
-
-
-def show(*headings: str, rows: Iterable[Sequence[object]], left: int = 1, title: str | None = None) -> None:
-    """Print `table_of` these rows."""
-    console.print(table_of(*headings, rows=rows, left=left, title=title))
+    for part in (rows, below):
+        for row in part:
+            table.add_row(*map(visible, row))
+        table.add_section()
+    console.print(table)
 
 
 def show_table(made: "page.Table", title: str | None = None) -> None:

@@ -17,6 +17,7 @@ from jaxtyping import PyTree
 from jgait import io
 from jgait.commands import cohort as cohorts
 from jgait.commands import console, jobs, machines, options, recordings
+from jgait.commands.cohort_table import CohortFiles, is_cohort
 from jgait.commands.console import count, say, stop
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
@@ -123,12 +124,12 @@ def estimate(
     how = recordings.how(rate, gyr_unit, acc_unit, range_unit, format, place)
     tables = {
         file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())
-        for file in files if cohorts.is_cohort(file)
+        for file in files if is_cohort(file)
     }  # fmt: skip
 
     def read(item: Item) -> tuple[Recording, Mapping[str, PyTree]]:
         rows = tables[item.table].read if item.table else None
-        if isinstance(rows, cohorts.CohortFiles):
+        if isinstance(rows, CohortFiles):
             return rows.recording(item.cell, trial=item.trial, **how)
         return recordings.recording_of(item.file, trial=item.trial, **how), {}
 
@@ -270,16 +271,15 @@ def _estimated(
         recording, known = read(item)
         subject = recording.subject
         made = job.compute(recording, known)
-        flags = made.flags()
     except Exception as error:  # whatever a damaged file leads to must not stop the others
         outcome = Outcome(subject, reason_of(error))
     else:
         tables = {name: f"{item.name}_{name}.{ending}" for name in made.tables}
         files = [io.write_table(made.tables[name], place / file) for name, file in tables.items()]
         files += made.drawn(place, item.name, job.about.figures)
-        numbers = {**made.numbers, "flags": [flag._asdict() for flag in flags]}
+        numbers = {**made.numbers, "flags": [flag._asdict() for flag in made.flags]}
         joined = {name: file for name, file in tables.items() if name in job.joined and len(made.tables[name])}
-        outcome = Outcome(subject, "", flags, made.rows, numbers, joined, [file.name for file in files])
+        outcome = Outcome(subject, "", made.flags, made.rows, numbers, joined, [file.name for file in files])
     return _noted(place, outcome._replace(command=words))
 
 

@@ -13,7 +13,7 @@ from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import console, machines, recordings
 from jgait.commands.folder import results_folder
-from jgait.commands.lessons import lessons_of, prepared
+from jgait.commands.tune_run import lessons_of, prepared
 from jgait.estimators import Estimator
 from jgait.evaluate import Cohort
 from jgait.evaluate.cohort import BATCH, FEW

@@ -9,11 +9,10 @@ import typer
 from jgait import estimators, io
 from jgait.commands import cohort as cohorts
 from jgait.commands import options, recordings
-from jgait.commands.console import console, refused, stop, table_of, visible, wrote
+from jgait.commands.console import refused, show, wrote
 from jgait.commands.folder import results_folder
 from jgait.commands.pipeline import start_of
 from jgait.estimators.online import CAUSAL, online
-from jgait.types import reason_of
 
 
 def export(
@@ -41,25 +40,18 @@ def export(
     them with jax, numpy and flatbuffers. Exit code 0: success; 2: the recording cannot calibrate.
     """
     body = options.person_of(person, options.given(None, height, thigh, shank))
-    placement, placements = recordings.places_of(place)
+    how = recordings.how(rate, gyr_unit, acc_unit, None, format, place)
     tuned = {}
     with refused():
         if params is not None:
             name = io.made_of(params)[0]
             tuned = {name: start_of(estimators.get(name), params, False)}
-    try:
-        walk = recordings.recording_of(
-            file, rate=rate, gyr_unit=gyr_unit, acc_unit=acc_unit, format=format, placement=placement,
-            placements=placements,
-        )  # fmt: skip
-    except Exception as error:
-        stop(f"{file}: {reason_of(error)}")
+    walk = recordings.only(file, how)
     with refused(f"{file}: "), jax.enable_x64(not single):
         steps = online(walk, body, estimator, tuned).export()
     with results_folder(out, "export", None, inputs=[file, params, person]) as folder:
         written = folder.publish([path for step in steps.values() for path in step.save(folder.stage)])
-    table = table_of("source", "sensors", "state [bytes]", "operations a sample", left=2)
-    for source, step in steps.items():
-        table.add_row(source, visible(", ".join(step.device.placements)), str(step.state_bytes), f"{step.operations:_}")
-    console.print(table)
+    rows = [(source, ", ".join(step.device.placements), step.state_bytes, f"{step.operations:_}")
+            for source, step in steps.items()]  # fmt: skip
+    show("source", "sensors", "state [bytes]", "operations a sample", rows=rows, left=2)
     wrote(written)

@@ -104,11 +104,10 @@ class ResultsFolder:
     def _check(self, planned: Mapping[str, str]) -> None:
         """Exit with code 2 if a file exists that this command did not write, or wrote for another recording."""
         for name, source in planned.items():
-            if not (self.path / name).exists():
-                continue
-            if name not in self._files:
+            there = (self.path / name).exists()
+            if there and name not in self._files:
                 stop(f"{self.path / name} is there, and this command did not write it; move it, or give another --out")
-            if self._files[name] != source:
+            if there and self._files[name] != source:
                 stop(f"{self.path / name} is of {self._files[name]}; give another --out for {source}")
 
     def _write(self, finished: bool) -> None:

@@ -13,14 +13,12 @@ from jgait.commands import options
 from jgait.commands.pipeline import chosen
 from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
 from jgait.estimators.combined import Analysis, analyse
-from jgait.estimators.stride_flags import regular
 from jgait.estimators.totals import FOOT_PATH, JOINT_ANGLES, LEG_STRIDES, WAY, distance_of, has_legs, has_strides
-from jgait.io.strides import special
-from jgait.io.totals import CAPTION, totals, totals_by_source
+from jgait.io.results import CAPTION, Results
 from jgait.notes import Note, without_repeats
 from jgait.report.flags import of_result
 from jgait.report.page import Flag
-from jgait.types import Estimate, Recording
+from jgait.types import Recording
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,10 +45,7 @@ class RecordingResults(NamedTuple):
     tables: "Mapping[str, pd.DataFrame]"  #: table that is written, by the end of its name.
     rows: list[list[str]]  #: of the printed table, without the recording.
     numbers: Mapping[str, PyTree]  #: for the JSON file.
-
-    def flags(self) -> list[Flag]:
-        """What a reader should know before using the numbers, as on a page."""
-        return of_result(self.made.estimate, self.notes)
+    flags: list[Flag]  #: what a reader should know before using the numbers, as on a page.
 
     def drawn(self, out: Path, name: str, figures: tuple[EstimateFigure, ...]) -> list[Path]:
         """Draw the figures that there are into a folder; returns their paths."""
@@ -127,42 +122,40 @@ def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
     """The results of one estimator, whose `about` states the tables and numbers."""
     import pandas as pd
 
-    estimate, notes = made.estimate, tuple(made.estimate.diagnostics.get("notes", ()))
-
-    def rows_of(table: EstimateTable) -> "pd.DataFrame":
+    estimate, results, tables = made.estimate, Results(made.estimate), {}
+    for table in (table for table in about.tables if table.when(estimate)):
         if table.rows == "samples":
-            return io.to_dataframe(estimate)
-        if table.rows == "strides":
-            flagged = {"special": special(estimate, about.flags), "regular": regular(estimate, about.flags)}
-            return io.strides_to_dataframe(estimate).assign(**flagged)
-        return pd.DataFrame(table.rows(estimate))
-
-    tables = {table.name: rows_of(table) for table in about.tables if table.when(estimate)}
-    words = [[total.words, total.text] for total in totals(estimate, about.flags)]
-    listed = {table.json: _records(tables[table.name]) for table in about.tables if table.json and table.name in tables}
-    numbers = {**_numbers(estimate, notes), **about.numbers(estimate), **listed}
-    return RecordingResults(made, notes, tables, [*words, *map(list, about.facts(estimate))], numbers)
+            tables[table.name] = io.to_dataframe(estimate)
+        elif table.rows == "strides":
+            tables[table.name] = results.base.assign(special=results.special, regular=results.regular)
+        else:
+            tables[table.name] = pd.DataFrame(table.rows(estimate))
+    listed = {table.json: tables[table.name] for table in about.tables if table.json and table.name in tables}
+    rows = [*([total.words, total.text] for total in results.totals), *map(list, about.facts(estimate))]
+    return _of(
+        made, tuple(estimate.diagnostics.get("notes", ())), results, tables, rows, listed, about.numbers(estimate)
+    )
 
 
 def of_analysis(made: Analysis) -> RecordingResults:
     """The results of all sensors: a row for each quantity, combined with its standard deviation, and of each source."""
-    rows = [[total.words, total.text, total.source] for total in totals_by_source(made)]
+    results = Results(made)
     tables = io.analysis_to_dataframes(made)
-    listed = {name: _records(table) for name, table in tables.items() if name != "samples" and len(table)}
     kept = {name: table for name, table in tables.items() if len(table) or name == "summary"}  # many are joined
-    numbers = {**_numbers(made.estimate, made.notes), "person": made.person, **listed}
-    return RecordingResults(made, made.notes, kept, rows, numbers)
+    listed = {name: table for name, table in tables.items() if name != "samples" and len(table)}
+    rows = [[total.words, total.text, total.source] for total in results.totals]
+    return _of(made, made.notes, results, kept, rows, listed, {"person": made.person})
 
 
-def _numbers(estimate: Estimate, notes: tuple[Note, ...]) -> dict[str, Any]:
+def _of(
+    made: PyTree, notes: tuple[Note, ...], results: Results, tables: "Mapping[str, pd.DataFrame]",
+    rows: list[list[str]], listed: "Mapping[str, pd.DataFrame]", more: Mapping[str, Any],
+) -> RecordingResults:  # fmt: skip
+    estimate = results.estimate
     distance, deviation = distance_of(estimate) or (None, None)
-    return {
+    numbers = {
         "duration_s": float(estimate.time[-1] - estimate.time[0]), "notes": [note.to_dict() for note in notes],
-        "distance_m": distance, "distance_std_m": deviation,
+        "distance_m": distance, "distance_std_m": deviation, **more,
+        **{name: json.loads(table.to_json(orient="records", double_precision=6)) for name, table in listed.items()},
     }  # fmt: skip
-
-
-def _records(table: "pd.DataFrame") -> list[dict[str, Any]]:
-    """The rows of a table as JSON values."""
-    rows: list[dict[str, Any]] = json.loads(table.to_json(orient="records", double_precision=6))
-    return rows
+    return RecordingResults(made, notes, tables, rows, numbers, of_result(results, notes))

@@ -14,9 +14,6 @@ from jgait.types import reason_of
 if TYPE_CHECKING:
     from distributed import Client
 
-CONNECT_S = 10
-"""[s] Longest time in which a Dask scheduler has to answer."""
-
 PARTS = "parts"
 """Folder within the folder of results that holds a folder of each part."""
 
@@ -102,7 +99,7 @@ def client_of(address: str | None) -> "Iterator[Client | None]":
     try:
         from distributed import Client
 
-        client = Client(address, timeout=CONNECT_S)
+        client = Client(address, timeout=10)
     except ImportError:
         stop("--dask needs the package distributed: pip install 'jgait[cluster]'")
     except (OSError, ValueError) as error:

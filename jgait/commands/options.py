@@ -1,6 +1,5 @@
 """Measures of a person, and the options that only some estimators have, as their `about` states them."""
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +11,7 @@ from jgait import estimators
 from jgait.commands.console import refused, stop
 from jgait.estimators.about import About, CommandOption
 from jgait.estimators.proportions import in_metres, outside
-from jgait.io.files import check_regular
+from jgait.io.files import json_object
 
 PersonFile = Annotated[
     Path | None,
@@ -109,11 +108,10 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
     """The measures in a JSON file, name → number or [right, left]; exits with code 2 if the file cannot be used."""
     if file is None:
         return {}
-    with refused(f'--person {file} is no JSON file with measures, such as {{"height": 1.75}}: '):
-        check_regular(file, "a file of measures")
-        content = json.loads(file.read_text(encoding="utf-8"))
-    if not isinstance(content, dict) or not content:
-        stop(f"--person {file} holds one object with measures such as height; got {str(content)[:60]!r}")
+    with refused("--person: "):
+        content = json_object(file)
+        if not content:
+            raise ValueError(f"{file} holds one object with measures such as height; got {{}}")
     known = {m.name: (m.low, m.high) for name in EVERY for m in estimators.about_of(name).measures}
     with refused(f"--person {file}: "):
         content = in_metres(content)

@@ -14,9 +14,9 @@ from jaxtyping import Array, Float, PyTree
 from jgait import datasets, evaluate, io
 from jgait.commands import cohort as cohorts
 from jgait.commands.console import Bar, progress, say, show, stop, wrote
-from jgait.commands.lessons import lessons_of, prepared
 from jgait.commands.pipeline import measures_of
 from jgait.commands.tune_report import ENOUGH, TuningOutcome
+from jgait.commands.tune_run import lessons_of, prepared
 from jgait.estimators import Estimator
 from jgait.filtering import compiled
 from jgait.params import constrain, freed, names, normal, priors, stated, unconstrain
@@ -42,12 +42,6 @@ MOVES = 0.01
 
 KNOWN = 0.1
 """Deviation of a parameter without a stated one, over its value [1]: the tenth by which `tune.explain` moves it."""
-
-WALKS = 8
-"""Largest number of walks of a public set by which a preset is judged; chosen for the time."""
-
-HARM = 1.01
-"""Largest ratio of the median errors on a public set after and before at which a preset is written [1]."""
 
 
 class Elsewhere(NamedTuple):
@@ -215,7 +209,8 @@ def elsewhere(
         if name == without or not datasets.available(name):
             continue
         source = cohorts.source(None, name, None, 0, None, None, measures_of(pipeline))
-        picked = np.unique(np.linspace(0, len(source.items) - 1, WALKS).round().astype(int))
+        # some walks of each set, for the time
+        picked = np.unique(np.linspace(0, len(source.items) - 1, 8).round().astype(int))
         walks, ready = prepared(source._replace(items=[source.items[k] for k in picked]), pipeline, [])
         for loss in dict.fromkeys((judged, *answers)):
             try:
@@ -242,7 +237,7 @@ def refusal(outcome: TuningOutcome, many: str, others: Sequence[Elsewhere]) -> s
             f"before, {significant(held['after'])} after; {change.better} better, {change.worse} worse; the median "
             f"change is {significant(change.low)} to {significant(change.high)} with 95 %"
         )
-    spoilt = [row for row in others if not row.after <= HARM * row.before]
+    spoilt = [row for row in others if not row.after <= 1.01 * row.before]
     each = (f"{row.name}: {row.words} {significant(row.before)} {row.unit} before, {significant(row.after)} after"
             for row in spoilt)  # fmt: skip
     return f"it is worse on other recordings, {'; '.join(each)}" if spoilt else ""

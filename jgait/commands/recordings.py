@@ -38,16 +38,10 @@ Trial = Annotated[
 ]
 
 OPTIONS = {
-    "sampling_rate_hz": "--rate",
-    "time_unit": "the unit in the name of the time column",
-    "gyr_unit": "--gyr-unit",
-    "acc_unit": "--acc-unit",
-    "range_unit": "--range-unit",
-    "format": "--format",
-    "placement": "--place",
-    "placements": "--place",
-    "trial": "--trial",
-}
+    "sampling_rate_hz": "--rate", "time_unit": "the unit in the name of the time column", "gyr_unit": "--gyr-unit",
+    "acc_unit": "--acc-unit", "range_unit": "--range-unit", "format": "--format", "placement": "--place",
+    "placements": "--place", "trial": "--trial",
+}  # fmt: skip
 """Argument of a reader → the option of the same meaning."""
 
 
@@ -75,10 +69,8 @@ def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
     for _, where in pairs:
         if where not in PLACEMENTS:
             stop(f"--place: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
-    alone, places = (
-        [where for sensor, where in pairs if not sensor],
-        {sensor: where for sensor, where in pairs if sensor},
-    )
+    alone = [where for sensor, where in pairs if not sensor]
+    places = {sensor: where for sensor, where in pairs if sensor}
     if alone and places:
         stop("--place: give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
     if len(alone) > 1:

@@ -12,6 +12,7 @@ from jgait import estimators
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, options, recordings
+from jgait.commands.cohort_table import is_cohort
 from jgait.commands.console import Json, count, note, refused, say, stop, write, write_json, wrote
 from jgait.commands.folder import keep_inputs, unfinished
 from jgait.datasets import DatasetUnavailable
@@ -86,7 +87,7 @@ def report(
     command, given = command_of(context.obj), options.given(option, height, thigh, shank)
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
-    table_of_cohort = dataset or simulated or what is None or cohorts.is_cohort(what)
+    table_of_cohort = dataset or simulated or what is None or is_cohort(what)
     if what is not None and dataset is None and simulated is None and what.is_dir():
         page, failures = _of_folder(what, command)
     elif recording is not None or not table_of_cohort:

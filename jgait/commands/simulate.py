@@ -20,11 +20,6 @@ from jgait.types import PLACEMENTS, Recording
 ROUTES = {"straight": 1, "u_turn": 1, "about_turn": 1, "rectangle": 2, "circle": 1}
 """Name → the number of lengths [m] of the route."""
 
-HIGHEST_RATE_HZ = 1000.0
-
-MOST = 20
-"""Largest number of walks in the table on the terminal."""
-
 
 def simulate(
     people: Annotated[int, typer.Option(min=1, help="Number of people, drawn from published norms.")] = 1,
@@ -65,8 +60,8 @@ def simulate(
     }  # fmt: skip
     if gait is not None and gait not in GAITS:
         stop(f"--gait must be one of {', '.join(GAITS)}; got {gait!r}")
-    if rate is not None and not 10.0 <= rate <= HIGHEST_RATE_HZ:
-        stop(f"--rate must be between 10 and {HIGHEST_RATE_HZ:g} Hz; got {rate:g}")
+    if rate is not None and not 10.0 <= rate <= 1000.0:
+        stop(f"--rate must be between 10 and 1000 Hz; got {rate:g}")
     for name in worn:
         if name not in PLACEMENTS:
             stop(f"--placements: there is no {name!r}; known are {', '.join(PLACEMENTS)}")
@@ -96,11 +91,11 @@ def simulate(
     write_json(json_file, {"asked": asked, "walks": written})
     rows = [
         (name, f"{row['duration_s']:.1f}", f"{row['distance_m']:.2f}", row["strides"], len(row["sensors"]))
-        for name, row in list(written.items())[:MOST]
+        for name, row in list(written.items())[:20]
     ]
     show("recording", "duration [s]", "distance [m]", "strides", "sensors", rows=rows, title="simulated walks")
-    if len(written) > MOST:
-        say(f"… and {len(written) - MOST} more")
+    if len(written) > 20:
+        say(f"… and {len(written) - 20} more")
     cohort = out / "cohort.csv"
     many = count(len(written), "recording", "recordings")
     say(f"wrote {many}, each with its truth, and {cohort} (jgait evaluate {cohort})")

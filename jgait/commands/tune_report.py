@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from jgait import evaluate, io, plot
-from jgait.commands.console import console, count, note, say, show, table_of, write_json, wrote
+from jgait.commands.console import count, note, say, show, write_json, wrote
 from jgait.commands.folder import ResultsFolder
 from jgait.commands.tune_run import Job, TuningResults
 from jgait.evaluate import PairedDifference
@@ -49,7 +49,9 @@ def report(
     out, fit, left = folder.stage, results.fit, results.validation
     values = _values(job, results)
     spreads = {name: row["stderr"] for name, row in values.items() if row["stderr"] is not None}
-    doubts = {"not_learned": list(fit.not_learned), "not_determined": results.undetermined}
+    known = results.known
+    undetermined = [] if known is None else known.undetermined
+    doubts = {"not_learned": list(fit.not_learned), "not_determined": undetermined}
     held_out, change = None, None
     files = [plot.save(plot_tuning.training(fit, title=title), out / "training.png")]
     if left is not None:
@@ -57,9 +59,7 @@ def report(
         held_out = {"error": job.judged, "unit": job.unit, "n": len(left.table), **medians}  # of people, or of days
         change = _held_out(job, left.items, out, files)
     origin = how | doubts | {"held_out": held_out}
-    tuned = io.write_params(
-        out / "tuned.json", fit.params, estimator=job.pipeline.name, stderr=spreads, made=origin
-    )  # fmt: skip
+    tuned = io.write_params(out / "tuned.json", fit.params, estimator=job.pipeline.name, stderr=spreads, made=origin)
     files = folder.publish([tuned, *files])
     people, taken = count(how["people"], "person", "people"), count(fit.losses.size, "step", "steps")
     recordings = count(len(job.made.names), "recording", "recordings")
@@ -72,15 +72,14 @@ def report(
         losses = (significant(value, 4) for value in (fit.losses[0], fit.best_loss))
         error_text = f"{job.judged} [{job.unit}] of the recordings learned from, median: {before} before, {after} after"
         say(f"{error_text}; loss {' before, '.join(losses)} after")
-    for line in [] if results.known is None else results.known.sentences:
+    for line in [] if known is None else known.sentences:
         say(f"· {line}")
-    if results.undetermined:
-        why = "" if results.known else "the loss hardly changes with a factor of e, or a quarter of the range, so that "
+    if undetermined:
         note(
-            f"not determined: {', '.join(results.undetermined)}; {why}the value may be far off. Leave it out of "
-            "--free, or learn from a loss or recordings that depend on it"
+            f"not determined: {', '.join(undetermined)}; the value may be far off. Leave it out of --free, or learn "
+            "from a loss or recordings that depend on it"
         )
-    elif results.known is not None and results.known.decrement > OFF:
+    elif known is not None and known.decrement > OFF:
         note("more --steps, or other --starts, may reach the optimum more closely")
     for line in results.left_out:
         note(line)
@@ -132,18 +131,13 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) ->
     singular, plural = job.groups.singular, job.groups.many
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     errors = ["error_before", "error_after", "change"]
-    shown = table_of(
-        singular, "recordings", "before", "after", "change",
-        rows=[(subject, f"{row['n']:.0f}", *map(significant, row[errors]))
-              for subject, row in ordered.head(MOST).iterrows()],
-        title=f"{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first",
-    )  # fmt: skip
-    if len(table) > MOST:
-        shown.add_row(f"… and {len(table) - MOST} more")
-    shown.add_section()
-    for name, of in ((f"median of {plural}", np.nanmedian), ("worst", np.nanmax)):
-        shown.add_row(name, "", *(significant(of(table[error])) for error in errors[:2]))
-    console.print(shown)
+    rows = [(subject, f"{row['n']:.0f}", *map(significant, row[errors]))
+            for subject, row in ordered.head(MOST).iterrows()]  # fmt: skip
+    rows += [(f"… and {len(table) - MOST} more",)] if len(table) > MOST else []
+    every = ((f"median of {plural}", np.nanmedian), ("worst", np.nanmax))
+    below = [(name, "", *(significant(of(table[error])) for error in errors[:2])) for name, of in every]
+    title = f"{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first"
+    show(singular, "recordings", "before", "after", "change", rows=rows, below=below, title=title)
     change_words = f"median change {significant(change.estimate)} {'points' if job.unit == '%' else job.unit}"
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:

@@ -1,37 +1,139 @@
-"""The computations of `jgait tune`: cross-validation, the fit to all people, and standard errors of the parameters."""
+"""The computations of `jgait tune`: lessons, cross-validation, the fit to all people, and standard errors."""
 
-import math
 import warnings
-from collections.abc import Callable, Collection
-from functools import partial
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import PyTree
 
+from jgait import evaluate
 from jgait import tune as tuning
-from jgait.commands.console import Bar, console, count, note, progress, refused, stop
+from jgait.commands import cohort as cohorts
+from jgait.commands.console import Bar, console, count, note, progress, refused, say_flags, stop
+from jgait.commands.pipeline import measures_of
 from jgait.estimators import Estimator
-from jgait.params import freed, names
+from jgait.estimators.proportions import SENSOR_SHARE
+from jgait.evaluate.scores import Scores, score
+from jgait.notes import Note, by_reason
+from jgait.params import check_params, freed, names
+from jgait.report.cohort import of_notes
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 from jgait.tune.checkpoint import OtherFitError
-from jgait.tune.coordinates import coordinates, natural
-from jgait.tune.problem import Items, Problem
-from jgait.tune.remainder import reduced
+from jgait.tune.coordinates import coordinates
+from jgait.types import Estimate, Recording, RecordingError, Walk
 
 if TYPE_CHECKING:
     from distributed import Client
 
-HARDLY = 0.05
-"""Largest change of a loss with a parameter that is not determined [share of the loss], where there are no standard
-errors: within one unit of the free coordinate, at which a standard error counts as too large. Chosen: of 80 independent
-strides, a likelihood-ratio test at 95 % sees a change of 5 %."""
+COMPARED = {"distance": "distance_m", "stride_length": "stride_length_m", "calibration": "stride_length_m"}
+"""Loss → the quantity that it compares with the reference."""
 
-MOST_MOVED = 64
-"""Largest number of learned numbers that are moved one by one to see whether the loss changes; chosen for the time."""
+
+def prepared(
+    source: cohorts.Source, pipeline: Estimator[PyTree, PyTree], failures: list[tuple[str, str]]
+) -> tuple[cohorts.Source, Estimator[PyTree, PyTree]]:
+    """The cohort, read, without the signals of its sensors, and an estimator that has prepared its recordings. Walks
+    that cannot be read are added to the failures.
+    """
+    made: dict[str, PyTree] = {}
+    walks = []
+    with progress() as bars:
+        bar = Bar(bars)
+        for walk in source.walks(failures, lambda number: bar("reading", number, len(source.items))):
+            try:
+                made[walk.recording.name] = pipeline.prepared(walk.recording)
+            except Exception as error:  # is raised where the recording is asked for
+                made[walk.recording.name] = error
+            walks.append(walk._replace(recording=walk.recording._replace(sensors={})))
+
+    def prepare(recording: Recording) -> PyTree:
+        if isinstance(made[recording.name], Exception):
+            raise made[recording.name]
+        return made[recording.name]
+
+    return source._replace(items=walks, read=None), pipeline._replace(prepare=prepare)
+
+
+def lessons_of(
+    pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
+    failures: list[tuple[str, str]], losses: Sequence[str],
+) -> Lessons:  # fmt: skip
+    """The lessons of the cohort, with the measures of each person. A walk whose reference cannot answer one of the
+    losses is a failure.
+
+    Raises:
+        ValueError: if there are none.
+    """
+    learned = {name.split(".")[0] for name in names}
+    parameters = {m.name: m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline)}
+    learned |= {name for name, parameter in parameters.items() if parameter in learned}
+    if of_all := sorted(learned & set(parameters)):
+        note(f"{', '.join(of_all)}: a single value is learned for all people, not one for each person")
+
+    def body_of(walk: Walk) -> dict[str, np.ndarray]:
+        # All lessons must have the same measures, so unknown measures get their default.
+        body = cohorts.body(walk, tuple(parameters))
+        if "height" in body:  # of the waist's estimator, to which it says how high the sensor is
+            body = {"sensor_height": SENSOR_SHARE * body.pop("height"), **body}
+        default = {name: getattr(start, parameter) for name, parameter in parameters.items() if name != "height"}
+        known = {name: tuple(value) if np.ndim(value) else value for name, value in (default | body).items()}
+        check_params(pipeline.with_body(start, known), pipeline.transforms)
+        return {
+            name: np.broadcast_to(np.asarray(value, float), np.shape(getattr(start, parameters[name])))
+            for name, value in known.items() if name not in learned
+        }  # fmt: skip
+
+    lacks: list[tuple[str, str]] = []
+
+    def answering(walks: Iterable[Walk]) -> Iterator[Walk]:
+        for walk in walks:
+            try:
+                yield tuning.asked(walk, losses)
+            except RecordingError as error:
+                lacks.append((walk.recording.name, str(error)))
+
+    needed = any(tuning.LOSSES[name].needs for name in losses)
+    try:
+        made = tuning.lessons(
+            pipeline, answering(source.walks(failures, lambda _: None)), body=body_of, reference=needed
+        )
+    except ValueError:
+        if lacks and len(lacks) == len(source.items):
+            each = "; ".join(f"{reason} ({recordings})" for reason, recordings in by_reason(lacks).items())
+            every = ", ".join(losses)
+            raise ValueError(f"no recording of {source.title} can answer all of {every}: {each}") from None
+        failures += lacks
+        raise
+    failures += [*lacks, *made.failures]
+    return made
+
+
+def say_notes(
+    ready: Estimator[PyTree, PyTree], start: PyTree, walks: cohorts.Source, made: Lessons, losses: Collection[str]
+) -> None:
+    """Print what is doubtful about the recordings learned from and their references, as `jgait evaluate` does.
+
+    Exits with code 2 if the references of all contradict the estimates, as in another unit, in what the losses compare.
+    """
+    compared = {quantity for loss, quantity in COMPARED.items() if loss in losses}
+    off: dict[str, Note] = {}
+
+    def judged(estimate: Estimate, walk: Walk) -> Scores:
+        result = score(estimate, walk)
+        off.update((walk.recording.name, line) for quantity, line in result.contradicts[::-1] if quantity in compared)
+        return result
+
+    rows = cohorts.evaluated(ready, start, walks, score=judged).recordings
+    rows = rows[rows["recording"].isin(made.names)]
+    if len(rows) > 1 and off.keys() >= set(rows["recording"]):
+        name = rows["recording"].iloc[0]
+        stop(
+            f"the references of all {len(rows)} recordings contradict the estimates, such as {name}: {off[name]}. "
+            f"{off[name].meaning}"
+        )
+    say_flags(of_notes(rows), "jgait evaluate of the same recordings")
 
 
 class Groups(NamedTuple):
@@ -62,13 +164,22 @@ class Job(NamedTuple):
     groups: Groups
     loss: Objective
     error: Objective  #: reported for each person, with its name and unit.
-    unit: str
-    judged: str
+    judge: str  #: its name in `tune.LOSSES`, beside the unit and the words that state it.
     settings: dict[str, Any]  #: arguments of every fit.
     folds: int | None  #: groups of people or days; None: one is left out at a time.
     run: Path  #: folder of the checkpoints.
     part: tuple[int, int] | None = None  #: as of `tune.cross_validate`.
     client: "Client | None" = None
+
+    @property
+    def unit(self) -> str:
+        """The unit of the error."""
+        return tuning.LOSSES[self.judge].unit
+
+    @property
+    def judged(self) -> str:
+        """The error in words."""
+        return tuning.LOSSES[self.judge].words
 
 
 class TuningResults(NamedTuple):
@@ -78,7 +189,6 @@ class TuningResults(NamedTuple):
     fit: Fit[PyTree]  #: to all people.
     known: Identifiability | None
     left_out: list[str]  #: why steps were left out.
-    undetermined: list[str]  #: learned numbers that the data do not determine.
     errors: tuple[float, float] | None  #: median of the recordings before and after; None where people left out judge.
 
 
@@ -109,7 +219,7 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
 
         return state
 
-    validation, left_out = None, []
+    validation, left_out, errors = None, list[str](), None
     if cross and len(set(groups.labels)) < 2:
         left_out = [
             "cross-validation is left out: it needs two people, or one person on two days that are known, and there is "
@@ -131,64 +241,35 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
             job.loss, job.start, job.free, data, subjects=job.made.subjects, checkpoint_file=file,
             progress=report("learning from all people"), **job.settings,
         )  # fmt: skip
+        before, after = (
+            float(evaluate.judged(job.pipeline, p, job.made, [job.judge])[job.judge].median())
+            for p in (job.start, fit.params)
+        )
+        errors = before, after
     bar.begin("which parameters the data determine (compiling)")
-    likelihood = set(loss) == {"likelihood"}
     free = [name for name in names(fit.free) if name not in fit.not_learned]  # the others have been named
-    if not free:
-        return TuningResults(validation, fit, None, left_out, [], None)
-    job = job._replace(free=freed(job.free, *free))
-    known, why = _determined(job, fit, "hessian" if likelihood else "sandwich")
-    moved, errors = _moved(job, fit, likelihood) if known is None or validation is None else ([], None)
-    return TuningResults(
-        validation, fit, known, [*left_out, *([why] if why else [])],
-        moved if known is None else known.undetermined, errors if validation is None else None,
-    )  # fmt: skip
+    known, why = None, ""
+    if free:
+        known, why = _determined(job._replace(free=freed(job.free, *free)), fit, set(loss) == {"likelihood"})
+    return TuningResults(validation, fit, known, [*left_out, *filter(None, [why])], errors)
 
 
-def _moved(job: Job, fit: Fit[PyTree], nats: bool) -> tuple[list[str], tuple[float, float]]:
-    """The numbers with which the loss hardly changes, and the median error of the recordings before and after.
-
-    Each number is moved by one unit of its free coordinate to either side of the best values. A loss in nats has to
-    change by half a nat, as within a standard error of one unit; any other loss by a share `HARDLY`.
-    """
-    at, begin = (coordinates(params, job.free) for params in (fit.params, job.start))
-    best = np.asarray(at.vector)
-    count = best.size if best.size <= MOST_MOVED else 0
-    steps = np.eye(best.size, dtype=best.dtype)[:count]
-    used = np.delete(np.arange(len(job.made.names)), list(fit.left_out))
-    items = Items(jax.tree.map(lambda leaf: np.asarray(leaf)[used], job.made.data), np.zeros(used.size, np.int32))
-    judged = [
-        reduced(Problem(of, job.free, None, None), job.start, begin.tree, items)[:2] for of in (job.loss, job.error)
-    ]
-
-    def both(vector: Float[Array, "free"]) -> list[Array]:
-        point = natural(at, vector, job.free, job.start)
-        return [jax.vmap(partial(problem.loss, point))(rest.data) for problem, rest in judged]
-
-    points = jnp.asarray(np.concatenate([np.asarray(begin.vector)[None], best[None], best + steps, best - steps]))
-    losses, errors = (np.asarray(values, float) for values in jax.jit(lambda v: jax.lax.map(both, v))(points))
-    total = losses.sum(axis=1)
-    change = np.abs(total[2:] - total[1]).reshape(2, count).max(axis=0)
-    hardly = change < (0.5 if nats else HARDLY * abs(total[1]))
-    before, after = (float(np.nanmedian(row)) if np.isfinite(row).any() else math.nan for row in errors[:2])
-    return [name for name, small in zip(at.names, hardly, strict=False) if small], (before, after)
-
-
-def _determined(job: Job, fit: Fit[PyTree], information: str) -> tuple[Identifiability | None, str]:
+def _determined(job: Job, fit: Fit[PyTree], likelihood: bool) -> tuple[Identifiability | None, str]:
     """Which numbers the data determine; None and the reason where that cannot be computed."""
     people, numbers = len(set(job.made.subjects)), len(coordinates(fit.params, job.free).names)
-    why = "because some recordings were not used" if fit.left_out else ""
-    if people <= numbers:
-        why = (
-            f"{count(numbers, 'number was', 'numbers were')} learned from {count(people, 'person', 'people')}, and "
-            "there must be more people than numbers"
-        )
-    if not why:
+    if fit.left_out:
+        return None, "standard errors are left out, because some recordings were not used"
+    why = (
+        f"{count(numbers, 'number was', 'numbers were')} learned from {count(people, 'person', 'people')}, and "
+        "there must be more people than numbers"
+    )
+    if people > numbers:
         try:
+            information = "hessian" if likelihood else "sandwich"
             data, subjects = job.made.data, job.made.subjects
             return tuning.identifiability(
                 job.loss, fit.params, job.free, data, subjects=subjects, information=information
             ), ""  # fmt: skip
         except ValueError as error:
             why = str(error)
-    return None, f"standard errors are left out{',' if why.startswith('because') else ':'} {why}"
+    return None, f"standard errors are left out: {why}"

@@ -114,7 +114,7 @@ class About(NamedTuple):
         measures: measures of a person.
         missing: notes for missing measures.
         options: command-line options in addition to those of the measures.
-        facts: estimate → (words, value) of numbers that `jgait estimate` prints in addition to `io.totals.totals`.
+        facts: estimate → (words, value) of numbers that `jgait estimate` prints in addition to `io.Results.totals`.
         caption: text below these; a `str.format` template over the settings.
         tables: tables that are written to files.
         figures: figures that are drawn.

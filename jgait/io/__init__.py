@@ -6,7 +6,6 @@ a recording unusable raise `RecordingError`; doubtful properties become notes.
 
 from jgait.io.arrays import recording_from_arrays
 from jgait.io.checks import quality_notes
-from jgait.io.combined import analysis_to_dataframes
 from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
 from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
 from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mobgap
@@ -24,6 +23,7 @@ from jgait.io.params import (
     write_preset,
 )
 from jgait.io.references import reference_from_tables, strides_from_dataframe
+from jgait.io.results import Results, analysis_to_dataframes
 from jgait.io.strides import strides_to_dataframe, to_gaitmap
 from jgait.io.tables import read_csv, recording_from_dataframe
 from jgait.io.write import read_table, recording_to_dataframe, to_dataframe, write_csv, write_table
@@ -36,6 +36,7 @@ __all__ = [
     "CaptureEvent",
     "MobgapTables",
     "OpenSimMotion",
+    "Results",
     "analysis_to_dataframes",
     "format_of",
     "made_of",

@@ -1,25 +1,18 @@
 """Strides as tables: in metres and degrees, and as gaitmap's stride lists in samples."""
 
-import itertools
-from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.estimators.about import StrideFlag
 from jgait.estimators.columns import COLUMNS
 from jgait.estimators.sides import durations
-from jgait.estimators.stride_flags import BREAK, EVERY, STRIDE_COLUMNS, in_order, marks, pauses, without
+from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, in_order, pauses
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
 
 TIMES = ("start", "final_contact", "end", "standing", "standing_end")
-
-GAITMAP_SENSORS = ("right_sensor", "left_sensor")
-GAITMAP_COLUMNS = ("start", "end", "min_vel", "pre_ic", "tc", "ic")
-GAITMAP_ORDER = ("pre_ic", "min_vel", "tc", "ic")
 
 
 def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
@@ -74,19 +67,6 @@ def strides_to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     return pd.DataFrame(columns)
 
 
-def counted(table: "pd.DataFrame", marked: Mapping[str, np.ndarray], flags: tuple[StrideFlag, ...]) -> "pd.DataFrame":
-    """A table of strides with NaN where a flag leaves a value out of means, and `regular`, False if it leaves out all.
-
-    Args:
-        table: of strides, a row each.
-        marked: name of a flag → (rows,) bool.
-        flags: the flags.
-    """
-    known = {name: column for name in table if (column := name.replace("_std_", "_")) in EVERY}
-    left = {name: table[name].where(without(marked, flags, len(table), column)) for name, column in known.items()}
-    return table.assign(**left, regular=without(marked, flags, len(table), "stride_duration_s"))
-
-
 def bout_numbers(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """(n,) number of the walking bout of each stride, from 0, for strides in the order of their starts [s]."""
     return np.concatenate([[0], np.cumsum(pauses(start, end) > BREAK)]) if len(start) else np.zeros(0, int)
@@ -102,13 +82,6 @@ def _rows(estimate: Estimate) -> np.ndarray:
     return in_order(estimate)
 
 
-def special(estimate: Estimate, flags: Sequence[StrideFlag], **more: np.ndarray) -> list[str]:
-    """The flags of each stride in words, for the rows of the table of strides; `more` are further words and flags."""
-    words = {flag.name: flag.word for flag in flags}
-    flagged = {words[name]: values for name, values in marks(estimate, tuple(flags)).items()} | more
-    return ["; ".join(w for w, values in flagged.items() if values[row]) for row in range(in_order(estimate).size)]
-
-
 def to_gaitmap(estimate: Estimate, sampling_rate_hz: float) -> "dict[str, pd.DataFrame]":
     """The strides of each foot as gaitmap's stride list of type `min_vel`: from standing to standing, in samples.
 
@@ -122,7 +95,7 @@ def to_gaitmap(estimate: Estimate, sampling_rate_hz: float) -> "dict[str, pd.Dat
         sampling_rate_hz: of gaitmap's data [Hz], whose first sample is at time 0 of the estimate.
 
     Returns:
-        `GAITMAP_SENSORS` → stride list; the list of a foot without a sensor is empty.
+        "right_sensor" and "left_sensor" → stride list; the list of a foot without a sensor is empty.
 
     Raises:
         ValueError: if the estimate has no strides, no contacts or no standing, or the rate is not positive.
@@ -142,12 +115,12 @@ def to_gaitmap(estimate: Estimate, sampling_rate_hz: float) -> "dict[str, pd.Dat
     events = {
         "start": standing, "end": standing_end, "min_vel": standing, "pre_ic": start, "tc": final_contact, "ic": end,
     }  # fmt: skip
-    ordered = np.logical_and.reduce([events[a] < events[b] for a, b in itertools.pairwise(GAITMAP_ORDER)])
+    ordered = (start < standing) & (standing < final_contact) & (final_contact < end)
     side = np.asarray(strides.side)[rows]
     tables = {}
-    for number, sensor in enumerate(GAITMAP_SENSORS):
+    for number, sensor in enumerate(("right_sensor", "left_sensor")):
         of_side = np.flatnonzero(ordered & (side == number))
-        table = pd.DataFrame({name: events[name][of_side].astype(np.int64) for name in GAITMAP_COLUMNS})
+        table = pd.DataFrame({name: values[of_side].astype(np.int64) for name, values in events.items()})
         table.index = pd.Index(of_side, name="s_id", dtype=np.int64)
         tables[sensor] = table
     return tables

@@ -31,16 +31,9 @@ HIDDEN = 2.0
 """[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen so that lengths
 from the waist are above it on recorded walks, those from shoes and shanks below."""
 
-COARSE = 3.0
-"""[1] Stated error of a side's strides, where another source measures them, over that of the other side's, above which
-only the other's count: sensors are as unlike as one at the waist and one on a shoe. Chosen."""
-
 PACE = 0.15
 """[1] Largest difference of the duration of a stride from the median of its side and bout, over that; a person whose
 strides last longer or shorter at an end of a bout speeds up or slows down there."""
-
-JOINS_S = 0.2
-"""[s] Largest time between the end of a stride and the start of the next of its side."""
 
 CONTACTS = "feet"
 """The source whose contacts are those of both sides alike: stances and steps of others are off by how a leg moves."""
@@ -64,7 +57,7 @@ def summary(
         measure unit n_strides steady: the measure, and how many strides of which kind count.
         right left: means of the sides, over strides at the time of which the other side has one that counts as well:
             else the sides would differ because one of them measured other bouts. Of a single side, over all strides.
-            Of a side whose errors are stated to be `COARSE` times as large, or more, there is none: it is measured by
+            Of a side whose errors are stated to be three times as large, or more, there is none: it is measured by
             another sensor, as by that of the waist beside one shoe.
         mean: mean of the means of both sides, each over all of its strides, or that of the only side, or of all strides
             where some are of an unknown side.
@@ -157,23 +150,25 @@ def summary(
 
 
 def _coarse(errors: "pd.Series", table: "pd.DataFrame") -> str | None:
-    """The side whose strides another source measures far less exactly than those of the other side, or None."""
-    of_side = errors.groupby(table.loc[errors.index, "side"])
-    each, source = of_side.median(), table.groupby("side")["source"].agg(lambda names: names.mode().iloc[0])
-    if len(each) < len(SIDES) or source.nunique() < len(SIDES) or not each.max() > COARSE * each.min():
+    """The side of which another source, as the waist beside one shoe, measures strides with three times the error of
+    the other side's, or None.
+    """
+    each = errors.groupby(table.loc[errors.index, "side"]).median()
+    source = table.groupby("side")["source"].agg(lambda names: names.mode().iloc[0])
+    if len(each) < len(SIDES) or source.nunique() < len(SIDES) or not each.max() > 3.0 * each.min():
         return None
     return str(each.idxmax())
 
 
 def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":
-    """Which strides begin and end where regular strides of the same side end and begin."""
+    """Which strides begin and end where regular strides of the same side end and begin, within 0.2 s."""
     import pandas as pd
 
     joined = pd.Series(False, strides.index)
     for _, side_strides in strides.groupby("side"):
         beside = side_strides.sort_values("begins")
         regular = beside["regular"].astype(bool)
-        joins = (beside["begins"] - beside["ends"].shift()).abs() < JOINS_S  # with the stride before it
+        joins = (beside["begins"] - beside["ends"].shift()).abs() < 0.2  # with the stride before it
         joined[beside.index] = joins & regular.shift(fill_value=False) & (joins & regular).shift(-1, fill_value=False)
     return joined
 

@@ -39,17 +39,6 @@ SIGNALS_LEFT_OUT = Kind(
     "If they are of a sensor on a leg or the trunk, write the place in their names, such as foot_left_gyr_x: without "
     "them a side, or a whole sensor, is missing in all results.",
 )  # fmt: skip
-ROWS_OF_SEVERAL = Kind(
-    "rows_of_several", "check", "column {column} has {values} values, such as {first} and {second}: its rows are read "
-    "as one recording",
-    "If they are of several people or walks, strides and distance mix them. Read each on its own, as by "
-    "table.groupby(column).",
-)  # fmt: skip
-WHOSE = ("subject", "person", "participant", "patient", "proband", "id", "trial", "walk", "session", "recording")
-"""Names of columns that state of whom or which walk a row is."""
-
-MOST_SENSORS = 20
-"""Largest number of values of a column that states of which sensor a row is."""
 
 
 def recording_from_dataframe(
@@ -161,11 +150,6 @@ def measured_table(
             kind: unit_of_columns([given[position[column]] for column in columns], kind, name)
             for kind, columns in of.items() if kind in units_of
         }  # fmt: skip
-    for index, column in enumerate(renamed):
-        whose = list(table.iloc[:, index].dropna().unique()) if column in WHOSE else []
-        if len(whose) > 1:
-            first, second = map(str, whose[:2])
-            notes.append(ROWS_OF_SEVERAL(column=given[index], values=len(whose), first=first, second=second))
     time, packets, begin_s = None, None, None
     if "time" in position and (dates := dated(table.iloc[:, position["time"]])) is not None:
         used.add(position["time"])
@@ -205,7 +189,7 @@ def _check_wide(table: "pd.DataFrame", given: list[str], name: str) -> None:
     for index, column in enumerate(given):
         cells = table.iloc[:, index]
         values = list(cells.dropna().unique()) if index != clock and cells.dtype.kind != "f" else []
-        if not 2 <= len(values) <= MOST_SENSORS:
+        if not 2 <= len(values) <= 20:  # more are no sensors
             continue
         whose = [value for value in values if placement_of(str(value)) or str(value).strip().lower() in SIDE_OF]
         apart = times is not None and not times.is_unique

@@ -50,14 +50,20 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     for side in SIDES:
         for legs, suffix in ((estimate.legs, ""), (estimate.stddev, "_std")):
             leg = None if legs is None else getattr(legs, side)
-            if leg is None:
-                continue
-            for field, unit in _LEG_COLUMNS:
+            for field, unit in () if leg is None else _LEG_COLUMNS:
                 values = np.asarray(getattr(leg, field))
                 columns[f"{field}_{side}{suffix}_{unit}"] = np.rad2deg(values) if unit == "deg" else values
         if f"angles_valid_{side}" in estimate.diagnostics:
             columns[f"angles_valid_{side}"] = angles_usable(estimate, side)
-        columns |= _foot_columns(estimate, side)
+        for feet, suffix in ((estimate.feet, ""), (estimate.feet_stddev, "_std")):
+            foot = None if feet is None else getattr(feet, side)
+            for field, axes, unit in () if foot is None else _FOOT_COLUMNS:
+                if (values := getattr(foot, field)) is None:
+                    continue
+                if suffix and field == "orientation":
+                    axes, unit, values = "xyz", "_deg", np.rad2deg(values)
+                for i, axis in enumerate(axes):
+                    columns[f"{field}_{axis}_{side}{suffix}{unit}"] = np.asarray(values)[:, i]
     if estimate.distance is not None:
         columns["distance_m"] = np.asarray(estimate.distance)
     valid = np.asarray(estimate.valid, bool)
@@ -67,22 +73,6 @@ def to_dataframe(estimate: Estimate) -> "pd.DataFrame":
     })  # fmt: skip
     table["valid"] = valid
     return table
-
-
-def _foot_columns(estimate: Estimate, side: str) -> dict[str, np.ndarray]:
-    """Columns of one foot, and of its standard deviations; none if the foot has no estimate."""
-    columns: dict[str, np.ndarray] = {}
-    for feet, suffix in ((estimate.feet, ""), (estimate.feet_stddev, "_std")):
-        foot = None if feet is None else getattr(feet, side)
-        for field, axes, unit in _FOOT_COLUMNS:
-            values = None if foot is None else getattr(foot, field)
-            if values is None:
-                continue
-            values = np.asarray(values)
-            if suffix and field == "orientation":
-                axes, unit, values = "xyz", "_deg", np.rad2deg(values)
-            columns |= {f"{field}_{axis}_{side}{suffix}{unit}": values[:, i] for i, axis in enumerate(axes)}
-    return columns
 
 
 def recording_to_dataframe(recording: Recording) -> "pd.DataFrame":
@@ -143,9 +133,7 @@ def write_csv(
         FileNotFoundError: if the folder does not exist.
     """
     check_path(path)
-    target = Path(path)
-    _put(_table(what), target, "csv")
-    return target
+    return _written(what, Path(path), ".csv")
 
 
 def write_table(
@@ -163,12 +151,10 @@ def write_table(
         ImportError: if Parquet needs a library that is not installed.
     """
     check_path(path)
-    target = Path(path)
-    ending = target.suffix.lower()
+    ending = Path(path).suffix.lower()
     if ending not in (".csv", ".json", *PARQUET):
-        raise ValueError(f"a table is written as .csv, .json, {', '.join(PARQUET)}; got {target.name!r}")
-    _put(_table(what), target, "parquet" if ending in PARQUET else ending[1:])
-    return target
+        raise ValueError(f"a table is written as .csv, .json, {', '.join(PARQUET)}; got {Path(path).name!r}")
+    return _written(what, Path(path), ending)
 
 
 def in_cells(table: "pd.DataFrame") -> "pd.DataFrame":
@@ -222,17 +208,19 @@ def read_table(path: str | os.PathLike[str]) -> "pd.DataFrame":
         return from_cells(pd.read_csv(file, encoding="utf-8"))
 
 
-def _put(table: "pd.DataFrame", target: Path, kind: str) -> None:
-    """Write a table as "csv", "json" or "parquet" to a temporary file, which then replaces the target."""
-    if kind == "parquet":
+def _written(what: PyTree, target: Path, ending: str) -> Path:
+    """Write a table to a temporary file, which then replaces the target."""
+    table = _table(what)
+    if ending in PARQUET:
         library("pyarrow", "or writing Parquet files")
     with replaced(target) as part:
-        if kind == "parquet":
+        if ending in PARQUET:
             table.to_parquet(part, engine="pyarrow", index=False)
-        elif kind == "json":
+        elif ending == ".json":
             table.to_json(part, orient="records", double_precision=9, indent=1, force_ascii=False)
         else:
             in_cells(table).to_csv(part, index=False, float_format="%.9g", encoding="utf-8")
+    return target
 
 
 def _table(what: PyTree) -> "pd.DataFrame":

@@ -42,34 +42,8 @@ if TYPE_CHECKING:
 DRAWN = ("distance_m", "stride_length_m", "stride_width_m", "walking_speed_mps", "stride_duration_s")
 """Quantities with figures, where two people or more have them."""
 
-BY_SUBJECT = ("distance_m", "stride_length_m", "walking_speed_mps", "stride_width_m")
-"""Quantities in the table of people."""
-
-MOST_RECORDINGS = 2000
-"""Largest number of rows in the table of recordings; more rows make the page slow."""
-
-HOW = (
-    "Difference between estimate and reference against the mean of both; of strides, all are drawn. The full line is "
-    "the bias; between the dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % intervals."
-)
-
-TUNED = ("not_held_out", "held_out")
-"""Codes of the notes whether parameters were tuned on the recordings."""
-
 WITHIN = "_within_2sd_percent"
 """End of the name of a quantity that states how many errors the stated deviations contain."""
-
-NOT_COMPARED = (
-    "the body's way, which is estimated, differs from the foot's from and to standing and in turns",
-    "no estimated stride fits their times: the estimate lacks them, or the reference is of other times",
-)
-"""Why strides are not compared, without and with strides of the estimate."""
-
-LONGEST_EXAMPLE = 200
-"""[characters] Longest text of the notes of a recording that is an example, of one or two sentences."""
-
-FEW_PEOPLE = 10
-"""Smallest number of people without a warning that the limits of agreement are uncertain."""
 
 
 def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None) -> Report:
@@ -99,13 +73,18 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         *_headline(paired, agreement),
     ]  # fmt: skip
     about = about_of(made.estimator)
-    tuned = [f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code in TUNED]
+    tuned = [f"{note.text[:1].upper()}{note.text[1:]}." for note in made.notes if note.code.endswith("held_out")]
     known = " ".join([*tuned, *remarks(usable, agreement, "stride_time" in (about.losses or ()))])
     lost = Table("Recordings that could not be used, and why.", ("recording", "reason"),
                  [[Cell(name), Cell(reason)] for name, reason in failures.items()], words=1)  # fmt: skip
+    how = (
+        "Difference between estimate and reference against the mean of both; of strides, all are drawn. The full line "
+        "is the bias; between the dashed lines 95 of 100 differences are expected. Bars beside the axes are 95 % "
+        "intervals."
+    )
     body = "Measures of a person that the cohort states replace these values, person by person."
     sections = [
-        Section("Bland–Altman", HOW, _figures(paired)),
+        Section("Bland–Altman", how, _figures(paired)),
         Section("Agreement with the reference", known, agreement_tables(agreement)),
         _people(cohort, usable), _recordings(cohort),
         Section("What could not be used", "", [lost] if failures else []),
@@ -130,7 +109,7 @@ def doubts(cohort: Cohort, usable: Cohort) -> list[Flag]:
 
 
 def _of_numbers(cohort: Cohort, usable: Cohort) -> Iterator[Flag]:
-    """The flags of recordings that are in no number, of a missing reference and of few people."""
+    """Recordings that are in no number, a missing reference, few people."""
     used, failed, kept = (len(rows) for rows in (cohort.recordings, cohort.failures, usable.recordings))
     biased = "because of how a person walks, the others are a biased sample."
     if failed:
@@ -151,7 +130,7 @@ def _of_numbers(cohort: Cohort, usable: Cohort) -> Iterator[Flag]:
     elif without:
         meaning = "They are in the table of recordings and in none of the comparisons."
         yield Flag("info", f"{of_recordings(without, kept, 'has', 'have')} no reference", meaning)
-    if 0 < people < FEW_PEOPLE:
+    if 0 < people < 10:
         meaning = "Limits of agreement of few people are uncertain themselves; their intervals are drawn beside them."
         yield Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning)
 
@@ -172,7 +151,7 @@ def of_notes(recordings: "pd.DataFrame") -> list[Flag]:
     note_flags = []
     for severity, meaning in sorted(kinds, key=rank):
         name, same = next(iter(kinds[severity, meaning].items()))
-        sentences = listed(map(flags.sentence, same), LONGEST_EXAMPLE)
+        sentences = listed(map(flags.sentence, same), 200)
         many = of_recordings(len(kinds[severity, meaning]), len(recordings))
         usable = "" if severity == "check" else ", whose result should not be used"
         note_flags.append(Flag("check", f"{many}{usable}, such as {without_folders(name)}: {sentences}", meaning))
@@ -208,11 +187,11 @@ def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
         cells = [Cell(f"{words} [{unit}]" if unit else words),
                  Cell(f"{row['n']:.0f} / {row['n_subjects']:.0f}", float(row["n"]))]  # fmt: skip
         if "_rmse_" in str(name):
-            curves.append([*cells, *(_significant(row[c]) for c in ("bias", "max_abs"))])
+            curves.append([*cells, *(Cell(significant(row[c]), float(row[c])) for c in ("bias", "max_abs"))])
             continue
         rows.append([
             *cells, _interval(row, "bias"), Cell(_span(row["loa_low"], row["loa_high"]), row["loa_high"]),
-            _interval(row, "mae"), _significant(row["max_abs"]), _interval(row, "icc"),
+            _interval(row, "mae"), Cell(significant(row["max_abs"]), float(row["max_abs"])), _interval(row, "icc"),
         ])  # fmt: skip
     tables = []
     if rows:
@@ -244,8 +223,10 @@ def remarks(usable: Cohort, agreement: "pd.DataFrame", has_strides: bool) -> lis
         n, dropped = agreement.loc[name, ["n", "n_dropped"]]
         if n and dropped:
             lacking.setdefault(f"{dropped:.0f} of {n + dropped:.0f}", []).append(readable(name)[0])
+    why = "the body's way, which is estimated, differs from the foot's from and to standing and in turns"
+    if has_strides:
+        why = "no estimated stride fits their times: the estimate lacks them, or the reference is of other times"
     for lacks, what in lacking.items():
-        why = NOT_COMPARED[has_strides]
         lines.append(f"{', '.join(what).capitalize()}: {lacks} strides of the reference are not compared; {why}.")
     for name in (name for name in agreement.index[agreement["n"] > 0] if name.endswith(WITHIN)):
         share = rows.loc[rows["quantity"] == name, "estimate"].dropna()
@@ -261,10 +242,6 @@ def remarks(usable: Cohort, agreement: "pd.DataFrame", has_strides: bool) -> lis
             f"{relative.max():.1f} %."
         )
     return lines
-
-
-def _significant(value: float) -> Cell:
-    return Cell(significant(value), float(value))
 
 
 def _span(low: float, high: float) -> str:
@@ -289,11 +266,10 @@ def _figures(paired: "pd.DataFrame") -> list[Picture]:
     made = []
     for _, rows, words, unit in drawn(paired):
         alt = f"Bland–Altman plot of {words}, {len(rows)} comparisons of {rows['subject'].nunique()} people"
-        caption = f"Bland–Altman plot of {words}."
-        made.append(picture(plot_cohort.bland_altman(rows, words, unit=unit), alt, caption))
-        alt = f"Absolute errors of {words} of each person"
+        figure, each = (draw(rows, words, unit=unit) for draw in (plot_cohort.bland_altman, plot_cohort.per_subject))
+        made.append(picture(figure, alt, f"Bland–Altman plot of {words}."))
         caption = f"Absolute errors of {words} by person, the best on top."
-        made.append(picture(plot_cohort.per_subject(rows, words, unit=unit), alt, caption))
+        made.append(picture(each, f"Absolute errors of {words} of each person", caption))
     return made
 
 
@@ -302,7 +278,8 @@ def _people(cohort: Cohort, usable: Cohort) -> Section:
     lost = Counter(map(str, cohort.failures["subject"].fillna("")))
     used = cohort.recordings.groupby("subject")["recording"].count()
     errors = usable.by_subject().dropna(subset="error").pivot(index="subject", columns="quantity")
-    quantities = [name for name in BY_SUBJECT if ("error", name) in errors]
+    shown = ("distance_m", "stride_length_m", "walking_speed_mps", "stride_width_m")
+    quantities = [name for name in shown if ("error", name) in errors]
     rows = []
     for subject in sorted({*map(str, used.index), *(name for name in lost if name)}):
         means = errors.loc[subject] if subject in errors.index else {}
@@ -314,9 +291,8 @@ def _people(cohort: Cohort, usable: Cohort) -> Section:
         words, unit = readable(name)
         heads += [f"{words}: mean error [{unit}]", f"mean |error| [{unit}]"]
     caption = "Estimate − reference, mean over each person's recordings or strides. A click on a heading sorts."
-    unknown = lost.get("", 0)
-    failed = f"{unknown} recordings that failed belong" if unknown > 1 else "One recording that failed belongs"
-    text = f"{failed} to nobody who is known." if unknown else ""
+    failed = of_recordings(lost[""], sum(lost.values()), "that failed is", "that failed are")
+    text = f"{failed} of nobody who is known." if lost[""] else ""
     return Section("People", text, [Table(caption, ("person", "used", "failed", *heads), rows, True)])
 
 
@@ -324,7 +300,7 @@ def _recordings(cohort: Cohort) -> Section:
     """One row for each recording: its length, the share with results, its notes."""
     way = cohort.quantities[cohort.quantities["quantity"] == "distance_m"].set_index("recording")
     rows = []
-    for row in cohort.recordings.head(MOST_RECORDINGS).itertuples():
+    for row in cohort.recordings.head(2000).itertuples():
         known = way.loc[row.recording] if row.recording in way.index else {"estimate": None, "reference": None}
         rows.append([
             Cell(without_folders(str(row.recording))), Cell(str(row.subject)), cell(row.seconds, 1),

@@ -8,14 +8,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
+from jgait.io.results import Results
 from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, printable, without_repeats
 from jgait.report.page import GRADES, Flag, without_folders
-from jgait.report.strides import ReportStrides, strides_of
 from jgait.types import PLACEMENTS, Estimate
-
-MOSTLY = 0.95
-"""Smallest share of samples with a result without a warning."""
-
 
 DOUBTS = ("stop", "check")
 """Grades of flags that put numbers in doubt."""
@@ -27,12 +23,12 @@ REASONS, LONGEST_REASON = 3, 90
 """Largest number of reasons of a verdict, and [characters] longest text of a reason."""
 
 
-def of_result(estimate: Estimate, notes: Iterable[Note], of: ReportStrides | None = None) -> list[Flag]:
-    """All flags of one recording, the most serious first: of its notes, its samples and its strides (`strides_of`)."""
-    of = strides_of(estimate) if of is None else of
-    notes = [*notes, *stride_notes(of.marks, of.regular)]
+def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:
+    """All flags of one recording, the most serious first: of its notes, its samples and its strides."""
+    notes = [*notes, *stride_notes(results.marks, results.regular)]
     return ordered([
-        *explained(without_repeats(notes)), *of_samples(estimate), *of_strides(len(of.table), of.marks),
+        *explained(without_repeats(notes)), *of_samples(results.estimate),
+        *of_strides(len(results.base), results.marks),
     ])  # fmt: skip
 
 
@@ -60,22 +56,18 @@ def ordered(flags: Iterable[Flag]) -> list[Flag]:
 def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
     """Flags of the strides (flag → (rows,) bool): how many are special, without those that have a note."""
     known = [flag for flag in STRIDE_FLAGS if flag.name in marks and flag != UNEVEN_DURATION]
-    many = {flag: int(marks[flag.name].sum()) for flag in known}
-    return [
-        Flag(flag.grade, f"{count} of {rows} strides: {flag.label}", flag.meaning)
-        for flag, count in sorted(many.items(), key=lambda item: -item[1]) if count
-    ]  # fmt: skip
+    many = sorted(((int(marks[flag.name].sum()), flag) for flag in known), key=lambda each: -each[0])
+    return [Flag(f.grade, f"{count} of {rows} strides: {f.label}", f.meaning) for count, f in many if count]
 
 
 def of_samples(estimate: Estimate) -> list[Flag]:
     """The flag of a recording that has no result for a large part."""
     share = float(np.mean(np.asarray(estimate.valid, bool))) if np.size(estimate.valid) else 0.0
-    if share >= MOSTLY:
-        return []
     meaning = (
         "The other part has no results, and figures have gaps there: before the first rest, or where data are lost."
     )
-    return [Flag("check" if share > 0.5 else "stop", f"Results for {100.0 * share:.0f} % of the recording", meaning)]
+    grade = "check" if share > 0.5 else "stop"
+    return [Flag(grade, f"Results for {100.0 * share:.0f} % of the recording", meaning)] if share < 0.95 else []
 
 
 def verdict(flags: Iterable[Flag]) -> str:

@@ -18,25 +18,17 @@ from jgait.version import __version__
 class Made(NamedTuple):
     """How a result was computed.
 
-    Attributes:
-        estimator: name of the estimator, "" where it is not known.
-        params: the estimator's parameters, a NamedTuple in natural units, or None.
-        default: the default parameters, of the same type, or None.
-        pipeline: variant of the estimator, such as "the paper's".
-        file: name of the file or data set.
-        command: command that makes the page again.
-        notes: assumptions in the computation.
-        version: version of jgait that computed the result.
+    Its fields are settings of a page; those that are not known stay empty.
     """
 
-    estimator: str = ""
-    params: PyTree = None
-    default: PyTree = None
-    pipeline: str = ""
-    file: str = ""
-    command: str = ""
-    notes: tuple[Note, ...] = ()
-    version: str = __version__
+    estimator: str = ""  #: name of the estimator.
+    params: PyTree = None  #: the estimator's parameters, a NamedTuple in natural units, or None.
+    default: PyTree = None  #: the default parameters, of the same type, or None.
+    pipeline: str = ""  #: variant of the estimator, such as "the paper's".
+    file: str = ""  #: name of the file or data set.
+    command: str = ""  #: command that makes the page again.
+    notes: tuple[Note, ...] = ()  #: assumptions in the computation.
+    version: str = __version__  #: of jgait, when the result was computed.
 
     def settings(self) -> list[tuple[str, str]]:
         """Name → value, for the end of the page."""

@@ -24,12 +24,6 @@ if TYPE_CHECKING:
 LARGEST_SVG = 150_000
 """[bytes] Largest SVG drawing; larger drawings, with tens of thousands of points, are stored as pixels."""
 
-DPI = 120
-"""[dots/inch] Resolution of figures that are stored as pixels."""
-
-COLOURS = 96
-"""Number of colours of figures that are stored as pixels."""
-
 FOLDERS = re.compile(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\])+(?=[^\s/\\])")
 
 
@@ -157,20 +151,15 @@ def picture(figure: "Figure", alt: str, caption: str) -> Picture:
         figure.savefig(stream, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     kind, data = "svg+xml", stream.getvalue()
     if len(data) > LARGEST_SVG:
-        stream = io.BytesIO()
+        from PIL import Image
+
+        stream, small = io.BytesIO(), io.BytesIO()
         with ready(figure):
-            figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
-        kind, data = "png", _few_colours(stream)
+            figure.savefig(stream, format="png", dpi=120, metadata={"Software": None})
+        # a figure has few colours: a quarter of the size
+        Image.open(stream).convert("RGB").quantize(96).save(small, format="png", optimize=True)
+        kind, data = "png", small.getvalue()
     return Picture(f"data:image/{kind};base64,{base64.b64encode(data).decode()}", alt, caption)
-
-
-def _few_colours(stream: io.BytesIO) -> bytes:
-    """A picture with few colours, as figures have, at a quarter of the size."""
-    from PIL import Image
-
-    small = io.BytesIO()
-    Image.open(stream).convert("RGB").quantize(COLOURS).save(small, format="png", optimize=True)
-    return small.getvalue()
 
 
 def number(value: Values, digits: int) -> str:

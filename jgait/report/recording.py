@@ -1,23 +1,23 @@
 """The page of one recording, by one estimator or by all its sensors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jgait.estimators import about_of, stride_flags
+from jgait.estimators import about_of
 from jgait.estimators.about import EstimatedRecording
-from jgait.estimators.columns import COLUMNS, QUANTITIES, UNITS
+from jgait.estimators.columns import COLUMNS, QUANTITIES, UNITS, Column
 from jgait.estimators.combined import Analysis
+from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS
 from jgait.estimators.totals import distance_of
 from jgait.evaluate.scores import score
-from jgait.io.combined import analysis_to_dataframes
-from jgait.io.totals import CAPTION, Total, totals, totals_by_source
-from jgait.report import flags, strides
+from jgait.io.results import CAPTION, Results
+from jgait.report import flags
 from jgait.report.figures import pictures
 from jgait.report.made import Made
-from jgait.report.page import Cell, Content, Report, Section, Table, number, significant
+from jgait.report.page import Cell, Content, Report, Section, Table, cell, number, significant
 from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:
@@ -28,9 +28,6 @@ CURVES = {
     "foot": "foot, seen from above", "foot_height": "foot, height",
 }  # fmt: skip
 """First part of the name of a root mean square error → the name of the curve."""
-
-
-NO_STRIDES = "No strides were found in this recording."
 
 BOUTS = (
     "start_s", "duration_s", "n_strides", "n_regular", "distance_m", "stride_length_m", "walking_speed_mps",
@@ -46,8 +43,7 @@ def of_analysis(
     """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with what each source says, and
     walking bouts. Contradictions between the sources are among the warnings.
     """
-    tables = analysis_to_dataframes(analysis)
-    rows = []
+    results, rows = Results(analysis), []
     for comparison in analysis.comparisons:
         column, counted = QUANTITIES[comparison.quantity], comparison.strides and comparison.quantity != "strides"
         value, spread = (number(value, column.digits) for value in (comparison.value, comparison.stddev))
@@ -60,26 +56,23 @@ def of_analysis(
     )
     table = Table(caption, ("", "source", "value", "± SD", "strides", "unit"), rows)
     more = [*more, Section("What each sensor says", "", [table])]
-    if len(tables["bouts"]):
+    if not results.cycles:
         shown = [COLUMNS[name] for name in BOUTS]
         rows = [
             [Cell(str(bout["wb_id"] + 1)), *(Cell(number(bout[column.name], column.digits)) for column in shown)]
-            for bout in tables["bouts"].to_dict("records")
+            for bout in results.bouts.to_dict("records")
         ]
         caption = (
             "Walking between pauses; stride length, speed and cadence are medians over the regular strides of the bout."
         )
         bouts = Table(caption, ("no.", *(column.heading for column in shown)), rows)
         more.append(Section("Bouts of walking", "", [bouts]))
-    return of_estimate(
-        analysis.estimate, recording, reference=reference, made=made, more=more, means=tables["summary"],
-        measured=totals_by_source(analysis),
-    )  # fmt: skip
+    return _page(results, recording, reference, made or Made(), more)
 
 
 def of_estimate(
     estimate: Estimate, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None,
-    more: Sequence[Section] = (), means: "pd.DataFrame | None" = None, measured: Sequence[Total] | None = None,
+    more: Sequence[Section] = (),
 ) -> Report:  # fmt: skip
     """The page of one recording: numbers, trust, figures with bands, means by side, all strides, settings.
 
@@ -89,8 +82,6 @@ def of_estimate(
         reference: an independent measurement, drawn dashed and compared, or None.
         made: settings of the computation; None leaves this out.
         more: further sections, after the means of the strides.
-        means: the summary of the strides, see `io.summary.summary`; None: of those of the estimate.
-        measured: the numbers above the page; None: `io.totals.totals` of the estimate.
 
     Raises:
         ValueError: if the estimate is not of one recording.
@@ -98,59 +89,132 @@ def of_estimate(
     """
     if np.ndim(estimate.time) != 1:
         raise ValueError(f"a report is of one recording, time of shape (T,); got shape {np.shape(estimate.time)}")
-    made = Made() if made is None else made
-    of = strides.strides_of(estimate)
-    rows = strides.means(of) if means is None else means
-    raised = flags.of_result(estimate, (*estimate.diagnostics.get("notes", recording.notes), *made.notes), of)
+    return _page(Results(estimate), recording, reference, made or Made(), more)
+
+
+def _page(
+    results: Results, recording: Recording, reference: Estimate | None, made: Made, more: Sequence[Section]
+) -> Report:
+    estimate, summary, strides = results.estimate, results.summary, shown_strides(results)
+    raised = flags.of_result(results, (*estimate.diagnostics.get("notes", recording.notes), *made.notes))
     about = about_of(made.estimator)
     params = made.params if made.params is not None else made.default
     settings = {"options": about.paper if made.pipeline else about.default}
     sources = None if params is None else EstimatedRecording(recording, estimate, params, settings)
-    none = "No stride is regular, so that there are no means." if len(of.table) else NO_STRIDES
-    glance = [table for table in [strides.mean_table(rows)] if table.rows]
-    against = [] if reference is None else [_against(estimate, recording, reference)]
-    each = [strides.stride_table(of)] if len(of.table) else []
+    none = "No stride is regular, so that there are no means." if len(strides) else (
+        "No strides were found in this recording."
+    )  # fmt: skip
+    glance = [table for table in [mean_table(summary)] if table.rows]
     sections = [
-        Section("Figures", "", pictures(estimate, reference, about.figures, sources)), *against,
-        Section("Gait at a glance", "" if glance else none, glance), *more, Section("Stride by stride", "", each),
+        Section("Figures", "", pictures(estimate, reference, about.figures, sources)),
+        *([] if reference is None else [_against(estimate, recording, reference)]),
+        Section("Gait at a glance", "" if glance else none, glance), *more,
+        Section("Stride by stride", "", [_stride_table(results, strides)] if len(strides) else []),
         _details(estimate, recording, made),
     ]  # fmt: skip
     who = "" if recording.subject in ("", "subject", recording.name) else f", {recording.subject}"
     seconds, rate = float(estimate.time[-1] - estimate.time[0]), significant(recording.sampling_rate_hz, 4)
     worn = ", ".join(map(_place, recording.sensors))
-    lead = f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz, by sensors at: {worn}."
-    measured = totals(estimate, stride_flags.STRIDE_FLAGS) if measured is None else measured
     distance, deviation = distance_of(estimate) or (None, None)
     name = Path(recording.name).name
     numbers = {
         "kind": "recording", "recording": name, "subject": recording.subject, "duration_s": seconds,
         "sampling_rate_hz": float(recording.sampling_rate_hz), "sensors": list(recording.sensors),
-        "distance_m": distance, "distance_std_m": deviation, "strides": len(of.table),
-        "strides_regular": int(of.regular.sum()),
-        "means": rows.astype(object).where(rows.notna(), None).to_dict("records"),
-        "flags": [flag._asdict() for flag in raised], "stride_table": of.table.to_dict("records"),
+        "distance_m": distance, "distance_std_m": deviation, "strides": len(strides),
+        "strides_regular": int(results.regular.sum()),
+        "means": summary.astype(object).where(summary.notna(), None).to_dict("records"),
+        "flags": [flag._asdict() for flag in raised], "stride_table": strides.to_dict("records"),
         "made": made.numbers(),
     }  # fmt: skip
     return Report(Content(
-        name, "Gait report", lead, _facts(measured, of, rows), flags.verdict(raised), raised, CAPTION,
+        name, "Gait report", f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz, by sensors at: {worn}.",
+        _facts(results), flags.verdict(raised), raised, CAPTION,
         [section for section in sections if section.text or section.parts], made.settings(), made.command, numbers,
     ))  # fmt: skip
 
 
-def _facts(measured: Sequence[Total], of: strides.ReportStrides, rows: "pd.DataFrame") -> list[tuple[str, str, str]]:
+def _facts(results: Results) -> list[tuple[str, str, str]]:
     """Numbers above the page, each with its sensors: those of the terminal, and means of cycles of leg angles."""
-    sides = strides.sides(of)
-    labels = {**{side: side for side in SIDES}, "": stride_flags.SIDE_UNKNOWN.label}
-    by_side = ", ".join(f"{np.sum(sides == side)} {label}" for side, label in labels.items() if (sides == side).any())
-    facts = [] if measured and measured[0].words == "strides" else [("Strides", str(len(of.table)), by_side)]
-    for total in measured:
+    labels = {**{side: side for side in SIDES}, "": SIDE_UNKNOWN.label}
+    many = {label: np.sum(results.sides == side) for side, label in labels.items()}
+    by_side = ", ".join(f"{count} {label}" for label, count in many.items() if count)
+    facts = [("Strides", str(len(results.base)), by_side)] if results.cycles else []
+    for total in results.totals:
         source = by_side if total.words == "strides" else total.source
         facts.append((total.words[:1].upper() + total.words[1:], total.text, source))
-    for row in rows.to_dict("records") if of.cycles else ():
+    for row in results.summary.to_dict("records") if results.cycles else ():
         if row["measure"] in ("stride_length", "stride_duration", "cadence", "walking_speed"):
-            measure, many = QUANTITIES[row["measure"]], f"mean ± SD of {row['n_strides']} cycles"
-            facts.append((measure.words.capitalize(), f"{strides.mean_text(row, measure)} {measure.shown}", many))
+            measure, detail = QUANTITIES[row["measure"]], f"mean ± SD of {row['n_strides']} cycles"
+            facts.append((measure.words.capitalize(), f"{_mean_text(row, measure)} {measure.shown}", detail))
     return facts
+
+
+def shown_strides(results: Results) -> "pd.DataFrame":
+    """The strides as the page has them, with `cadence_spm` and without angles that are not usable."""
+    table = results.every
+    if "stride_duration_s" in table:
+        duration = table["stride_duration_s"].where(~results.marks.get("half", np.zeros(len(table), bool)))
+        table = table.assign(cadence_spm=120.0 / duration)
+    if "angles_valid" in table:
+        angles = [name for name in table if "_flexion_" in name]
+        table = table.assign(**table[angles].where(table["angles_valid"]))
+    return table
+
+
+def _stride_table(results: Results, strides: "pd.DataFrame") -> Table:
+    """All strides, a row each, with standard deviations and remarks."""
+    listed = [m for m in COLUMNS.values() if m.listed and m.name != "cadence_spm" and m.name in strides]
+    known, rows = [m for m in listed if strides[m.name].notna().any()], list[list[Cell]]()
+    for k, stride in enumerate(strides.to_dict("records")):
+        start = stride.get("start_s", stride.get("standing_s"))
+        cells = [Cell(str(k + 1), k + 1.0), Cell(results.sides[k] or "–"), cell(start, 2)]
+        for measure in known:
+            spread = measure.scale * stride.get(measure.deviation, np.nan)
+            cells.append(cell(measure.scale * stride[measure.name], measure.digits, spread))
+        marks = results.marks
+        words = [flag.label for flag in STRIDE_FLAGS if flag.name in marks and marks[flag.name][k]]
+        rows.append([*cells, Cell(", ".join(words))])
+    caption = (
+        "Cycles of each leg, from the largest bend of the swinging knee to the next; the length is how far the "
+        "distance grows meanwhile." if results.cycles else "Strides, from one contact of a foot to its next."
+    )  # fmt: skip
+    stated = any("_std_" in name for name in strides)
+    caption += " ± is one standard deviation of the error, by the estimator." if stated else ""
+    caption += " A click on a heading sorts."
+    return Table(caption, ("no.", "leg", "start [s]", *(m.heading for m in known), "remarks"), rows, True, 1)
+
+
+def _mean_text(row: Mapping[Any, Any], measure: Column) -> str:
+    """The mean of a row of a summary with its standard deviation between strides."""
+    spread = f" ± {number(measure.scale * row['std'], max(measure.digits, 1))}" if np.isfinite(row["std"]) else ""
+    return number(measure.scale * row["mean"], measure.digits) + spread
+
+
+def mean_table(summary: "pd.DataFrame") -> Table:
+    """Means of strides and of each side, and differences between the sides; without rows if no stride counts."""
+    both, rows = bool(summary["asymmetry_pct"].notna().any()), []
+    for row in summary.to_dict("records"):
+        measure = QUANTITIES[row["measure"]]
+        if not measure.listed:  # the distance and ranges of motion: the page shows them, or their two ends, elsewhere
+            continue
+        cells = [Cell(measure.heading), Cell(_mean_text(row, measure))]
+        cells += [cell(measure.scale * row[side], measure.digits) for side in SIDES]
+        cells.append(cell(measure.scale * row["error_std"], max(measure.digits, 1)))
+        cells += [cell(row["asymmetry_pct"], 1, row["asymmetry_std_pct"])] if both else []
+        rows.append([*cells, Cell(str(row["n_strides"]))])
+    columns = ["", "mean ± SD", *(f"{side} leg" for side in SIDES), "error of a stride",
+               *(["asymmetry [%]"] if both else []), "strides"]  # fmt: skip
+    steady = summary.loc[summary["measure"] != "distance", "steady"].all()
+    caption = (
+        "Steady strides: regular ones between regular ones." if steady
+        else "Regular strides: there are too few steady ones for variability and asymmetry."
+    ) + (
+        " SD: from stride to stride within a side. Error of a stride: its standard deviation by the estimator. The SD "
+        "contains this error; an SD that is not clearly larger says little about the person."
+    )  # fmt: skip
+    if both:
+        caption += " Asymmetry: (right − left) / mean, ± one SD; within two of them it may be the sensors' error."
+    return Table(caption, columns, rows)
 
 
 def _against(estimate: Estimate, recording: Recording, reference: Estimate) -> Section:
@@ -189,17 +253,14 @@ def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
         lost = f"{100.0 * float(np.mean(~mask)):.1f} %" if mask.size else "–"
         rows.append([Cell(_place(name)), Cell(str(mask.size)), Cell(lost), Cell(kinds)])
     parts = [Table("Sensors of the recording", ("place", "samples", "lost", "what"), rows, words=1)]
-    of_params = made.table()
-    parts += [] if of_params is None else [of_params]
+    parts += [table for table in [made.table()] if table is not None]
     fits = {n: float(v) for n, v in estimate.diagnostics.items() if n.startswith("nis") and np.ndim(v) == 0}
-    text = ""
-    if fits:
-        each = ", ".join(f"{significant(v)} ({n.removeprefix('nis').strip('_') or 'all'})" for n, v in fits.items())
-        text = (
-            f"Fit of the model, as mean normalised innovation squared: {each}. About 1 where the stated noise is "
-            "right, below 1 where it is too large, above 1 where the measurements differ more from the model."
-        )
-    return Section("Sensors and parameters", text, parts)
+    each = ", ".join(f"{significant(v)} ({n.removeprefix('nis').strip('_') or 'all'})" for n, v in fits.items())
+    text = (
+        f"Fit of the model, as mean normalised innovation squared: {each}. About 1 where the stated noise is "
+        "right, below 1 where it is too large, above 1 where the measurements differ more from the model."
+    )
+    return Section("Sensors and parameters", text if fits else "", parts)
 
 
 def _place(name: str) -> str:

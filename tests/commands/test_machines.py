@@ -143,9 +143,8 @@ def test_a_part_again_computes_what_is_left(table, whole, tmp_path):
     assert run("join", tmp_path / "out")[0] == 1 and same(tmp_path / "out", whole("estimate"))
 
 
-def test_a_scheduler_that_does_not_answer_is_named(table, tmp_path, monkeypatch):
+def test_a_scheduler_that_does_not_answer_is_named(tmp_path):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(machines, "CONNECT_S", 1)
     code, said = run("evaluate", "--simulated", 1, "--dask", "tcp://127.0.0.1:9", "--out", tmp_path / "out")
     assert code == 2 and "--dask: no Dask scheduler answers at tcp://127.0.0.1:9" in said
 

@@ -19,8 +19,8 @@ def without_estimates(monkeypatch):
 
     def read(recording, known):
         time = next(iter(recording.sensors.values())).time
-        made = EstimatedRecording(recording, Estimate(time, Legs(None, None), None, None, time > -1.0, {}), None, {})
-        return jobs.RecordingResults(made, recording.notes, {}, [], {})
+        estimate = Estimate(time, Legs(None, None), None, None, time > -1.0, {"notes": recording.notes})
+        return jobs.of_estimate(EstimatedRecording(recording, estimate, None, {}), About(tables=()))
 
     def replaced(compute=read):
         job = jobs.EstimateJob(About(tables=()), compute, Made())

@@ -21,8 +21,7 @@ from jgait.estimators.stride_flags import (
     uneven_strides,
     without,
 )
-from jgait.io.strides import counted, strides_to_dataframe
-from jgait.io.totals import totals
+from jgait.io import Results
 from jgait.simulate.sensors import MPU6000
 from jgait.types import Estimate, Legs, Strides
 
@@ -86,11 +85,13 @@ def test_a_flag_leaves_out_the_measures_that_it_touches_and_no_others(flag):
     none = np.zeros(0)
     estimate = Estimate(none, Legs(None, None), None, None, none, {}, strides)
     flag = flag._replace(read=lambda _: flagged)
-    table = counted(strides_to_dataframe(estimate), marks(estimate, (flag,)), (flag,))
+    results = Results(estimate)
+    results.marks = marks(estimate, (flag,))
+    table = results.counted
     for column in ("stride_length_m", "walking_speed_mps", "stride_width_m", "stride_duration_s", "final_contact_s"):
         assert table[column].notna().sum() == (4 if column in flag.leaves_out else count), column
         assert regular(estimate, (flag,), column).sum() == table[column].notna().sum()
-    printed = {total.words: total.text for total in totals(estimate, (flag,))}
+    printed = {total.words: total.text for total in results.totals}
     assert printed["cadence"] == "120 steps/min"
     assert printed["stride length"].startswith("1.2" if "stride_length_m" in flag.leaves_out else "2.0")
 

@@ -16,7 +16,7 @@ from made import files as made_files
 from scipy.io import savemat
 
 from jgait import RecordingError, io
-from jgait.commands import cohort, options
+from jgait.commands import cohort_table, options
 from jgait.estimators.leg_ekf.params import LegParams
 from jgait.io import files
 from jgait.notes import printable
@@ -101,7 +101,7 @@ def test_a_pipe_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "person.json")
     with pytest.raises(typer.Exit):
         options.person_in(tmp_path / "person.json")
-    assert not cohort.is_cohort(tmp_path / "walk.csv")
+    assert not cohort_table.is_cohort(tmp_path / "walk.csv")
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "0.4", True, None, [], {}, -0.4, 0.0, 4.0])

@@ -20,12 +20,10 @@ from jgait.commands import report as command
 from jgait.commands.cohort import Source
 from jgait.estimators import ankle_stride
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
-from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS
+from jgait.estimators.stride_flags import FEW_REGULAR
 from jgait.evaluate.scores import DISTANCE_OFF
-from jgait.io.summary import summary
-from jgait.io.totals import totals
 from jgait.notes import SEVERITIES, Kind, to_json
-from jgait.report import flags, strides
+from jgait.report import flags
 from jgait.report.page import without_folders
 from jgait.types import Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Recording, Strides
 
@@ -124,7 +122,7 @@ def test_means_are_of_regular_strides_by_side(ankles):
     assert (numbers["strides"], numbers["strides_regular"]) == (12, 8)
     assert numbers["distance_m"] == pytest.approx(8.4) and numbers["distance_std_m"] is None
     assert numbers["made"]["changed"] == ["lever_ankle"]
-    (median,) = [one.text for one in totals(walking_ankles(), STRIDE_FLAGS) if one.words == "stride length"]
+    (median,) = [one.text for one in io.Results(walking_ankles()).totals if one.words == "stride length"]
     assert f">{median}<" in ankles.html  # the number of the terminal above the table of means
 
 
@@ -177,16 +175,15 @@ def test_a_recording_in_which_nobody_walks_is_a_page_too():
 def test_where_no_stride_counts_there_is_a_sentence_and_no_empty_table():
     of = walking_ankles()
     turning = of._replace(diagnostics={**of.diagnostics, "turning": np.ones(LENGTHS.size, bool)})
-    whole = summary(io.strides_to_dataframe(of).assign(regular=False, source="ankles"), (8.4, None))
-    assert list(whole["measure"]) == ["distance"]
-    page = report.of_estimate(turning, recording("ankle_right", "ankle_left"), means=whole)
+    page = report.of_estimate(turning, recording("ankle_right", "ankle_left"))
+    assert [row["measure"] for row in page.numbers["means"]] == ["distance"]
     assert "No stride is regular" in page.html
     assert not re.search(r"<tbody>\s*</tbody>", page.html)
 
 
 def test_a_page_of_feet_states_which_widths_and_half_strides_do_not_count():
     page = report.of_estimate(walking_feet(), recording("foot_right", "foot_left"))
-    found = strides.strides_of(walking_feet())
+    found = io.Results(walking_feet())
     assert list(np.flatnonzero(found.marks["half"])) == [5] and list(np.flatnonzero(found.marks["width"])) == [1]
     means = means_of(page)
     assert (means["stride_width_m"]["mean"], means["stride_width_m"]["n_strides"]) == (pytest.approx(0.2), 4)
