@@ -4,7 +4,6 @@ import contextlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -12,9 +11,8 @@ import typer
 from jaxtyping import PyTree
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
-from rich.text import Text
 
 from jgait.io.atomic import write_text
 from jgait.notes import by_reason, printable
@@ -97,19 +95,11 @@ class Bar:
         self(what, 0, None)
 
 
-class _Left(ProgressColumn):
-    """The time left, once two reports have shown the speed; the first contains the time of compiling."""
-
-    def render(self, task: Task) -> Text:
-        seconds = task.time_remaining
-        return Text("" if seconds is None or task.finished else f"{timedelta(seconds=math.ceil(seconds))} left")
-
-
 def progress() -> Progress:
     """Progress bars that disappear at the end of the `with` block."""
     return Progress(
-        TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), _Left(), console=errors,
-        transient=True,
+        TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn(), TimeRemainingColumn(),
+        console=errors, transient=True,
     )  # fmt: skip
 
 

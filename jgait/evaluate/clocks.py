@@ -1,18 +1,9 @@
 """Whether a reference, its clock and its sides are those of the recording, by all that both measure."""
 
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Feet, Legs, as_float
-
-type Search = Callable[[Estimate, Estimate, np.ndarray], np.ndarray | None]
-"""(estimate, reference, shifts of the reference [s]) → (shifts,) error; None where one of the two lacks something."""
-
-type Signal = tuple[np.ndarray, np.ndarray, bool]
-"""Times [s] and values of a signal, and whether it is 0 outside these times."""
 
 REFERENCE_CLOCK = Kind(
     "reference_clock", "check", "{what} of the reference agree with the estimate if the reference is {seconds:.2f} s "
@@ -39,24 +30,10 @@ MOST_S, STEP_S = 5.0, 0.02
 OFFSET_S = 0.1
 """[s] Least offset that is noted; contacts differ by less where two methods define them."""
 
-SWING, WIDE = 0.7, 0.12
-"""[1] Part of a stride in the middle of which a knee is bent most, and deviation of the pulse that stands for it."""
-
-AGREES = 0.35
-"""[1] One minus the correlation below which two signals agree; chosen above that of most recordings of public sets."""
-
-BETTER = 0.5
-"""[1] Largest part of the error that is left with the offset that is noted. Without such an offset, a reference is
-noted if this part of its error is above `AGREES`; chosen."""
-
-MOST_SAMPLES = 3000
-"""Largest number of samples of a reference whose signals are compared."""
-
-DISTANCE_M, DISTANCE_AGREES = 1.0, 0.05
-"""[m] Least distance whose course is compared, and [1] difference over the whole distance below which it agrees."""
-
-STRIDES = 3
-"""Least number of strides of a leg whose contacts or swings are compared."""
+AGREES, BETTER = 0.35, 0.5
+"""[1] One minus the correlation below which two signals agree, chosen above that of most recordings of public sets; and
+largest part of it that is left with the offset that is noted. Without such an offset, a reference is noted if this part
+is above `AGREES`; chosen."""
 
 COMPARED = (
     ("the knee's angles", "knee", "knee"), ("contacts", "contacts", "contacts"), ("speeds of the feet", "foot", "foot"),
@@ -70,27 +47,23 @@ def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
     other times, or never.
 
     What both have is compared, of `COMPARED`; a reference of samples and strides is of two files, of which one can be
-    wrong. Distances, which tell least, are compared where nothing else is noted.
+    wrong.
     """
-    searches = [(what, AGREES, partial(_of_signals, ours, theirs)) for what, ours, theirs in COMPARED]
-    notes = tuple(note for search in searches for note in _checked(estimate, reference, *search))
-    return notes or _checked(estimate, reference, "distances", DISTANCE_AGREES, _of_way)
-
-
-def _checked(estimate: Estimate, reference: Estimate, what: str, agrees: float, search: Search) -> tuple[Note, ...]:
-    shifts = np.arange(-MOST_S, MOST_S + 0.5 * STEP_S, STEP_S)
-    now = search(estimate, reference, np.zeros(1))
-    if now is None or not now[0] > agrees or (error := search(estimate, reference, shifts)) is None:
-        return ()
-    error = np.nan_to_num(error, nan=np.inf)
-    mirrored = search(estimate, _exchanged(reference), np.zeros(1))
-    if mirrored is not None and mirrored[0] <= min(agrees, BETTER * now[0], error.min()):
-        return (REFERENCE_SIDES(what=what),)
-    if error.min() > BETTER * now[0]:
-        return (REFERENCE_OTHER(what=what, seconds=MOST_S),) if BETTER * now[0] > agrees else ()
-    best = float(shifts[np.argmin(error + 1e-6 * np.abs(shifts))])
-    note = REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier")
-    return (note,) if abs(best) > OFFSET_S else ()
+    notes, shifts = list[Note](), np.arange(-MOST_S, MOST_S + 0.5 * STEP_S, STEP_S)
+    for what, ours, theirs in COMPARED:
+        now = _apart(estimate, reference, ours, theirs, np.zeros(1))[0]
+        if not now > AGREES:
+            continue
+        error = np.nan_to_num(_apart(estimate, reference, ours, theirs, shifts), nan=np.inf)
+        mirrored = _apart(estimate, _exchanged(reference), ours, theirs, np.zeros(1))[0]
+        best = float(shifts[np.argmin(error + 1e-6 * np.abs(shifts))])
+        if mirrored <= min(AGREES, BETTER * now, error.min()):
+            notes.append(REFERENCE_SIDES(what=what))
+        elif error.min() > BETTER * now:
+            notes += [REFERENCE_OTHER(what=what, seconds=MOST_S)] if BETTER * now > AGREES else []
+        elif abs(best) > OFFSET_S:
+            notes.append(REFERENCE_CLOCK(what=what, seconds=abs(best), when="later" if best > 0.0 else "earlier"))
+    return tuple(notes)
 
 
 def _exchanged(reference: Estimate) -> Estimate:
@@ -103,8 +76,8 @@ def _exchanged(reference: Estimate) -> Estimate:
     )
 
 
-def _signal(estimate: Estimate, kind: str, side: str) -> Signal | None:
-    """A signal of a leg and the times that it covers; None if the estimate lacks it.
+def _signal(estimate: Estimate, kind: str, side: str) -> tuple[np.ndarray, np.ndarray] | None:
+    """Times [s] and values of a signal of a leg; None if the estimate lacks it.
 
     "knee": flexion of the knee; "foot": horizontal speed of the foot; "contacts": pulses at the contacts; "swings":
     pulses at the middles of the swings.
@@ -115,38 +88,38 @@ def _signal(estimate: Estimate, kind: str, side: str) -> Signal | None:
             return None
         rows = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == SIDES.index(side))
         end = np.sort(as_float(strides.end)[rows])
-        if end.size < STRIDES:
+        if end.size < 3:
             return None
         lasts = float(np.median(as_float(strides.end)[rows] - as_float(strides.start)[rows]))
-        at, wide = (end, OFFSET_S) if kind == "contacts" else (end - (1.0 - SWING) * lasts, WIDE * lasts)
+        # a knee is bent most 0.3 strides before a contact
+        at, wide = (end, OFFSET_S) if kind == "contacts" else (end - 0.3 * lasts, 0.12 * lasts)
         grid = np.arange(at[0] - lasts, at[-1] + lasts, STEP_S)
         pulses = np.exp(-0.5 * (np.abs(grid - at[np.searchsorted(0.5 * (at[1:] + at[:-1]), grid)]) / wide) ** 2)
-        return grid, pulses, True
+        return grid, pulses
     leg = getattr(estimate.legs, side) if kind == "knee" else getattr(estimate.feet or Feet(None, None), side)
     if leg is None or valid.sum() < 2:
         return None
     time = as_float(estimate.time)
     if kind == "knee":
-        return time[valid], as_float(leg.knee_angle)[valid], False
-    return time[valid], np.hypot(*np.gradient(as_float(leg.position)[:, :2], time, axis=0).T)[valid], False
+        return time[valid], as_float(leg.knee_angle)[valid]
+    return time[valid], np.hypot(*np.gradient(as_float(leg.position)[:, :2], time, axis=0).T)[valid]
 
 
-def _of_signals(
-    our_kind: str, their_kind: str, estimate: Estimate, reference: Estimate, shifts: np.ndarray
-) -> np.ndarray | None:
-    """(shifts,) one minus the correlation of two signals, the reference shifted [s]; None without both.
+def _apart(estimate: Estimate, reference: Estimate, our_kind: str, their_kind: str, shifts: np.ndarray) -> np.ndarray:
+    """(shifts,) one minus the correlation of two signals, the reference shifted [s]; NaN without both.
 
-    A shift that leaves less than half of the samples in common counts as no agreement.
+    Pulses are 0 outside their times. A shift that leaves less than half of the samples in common counts as no
+    agreement.
     """
     errors = []
     for side in SIDES:
         ours, theirs = _signal(estimate, our_kind, side), _signal(reference, their_kind, side)
         if ours is None or theirs is None:
             continue
-        rows = slice(None, None, -(-theirs[0].size // MOST_SAMPLES))
+        rows = slice(None, None, -(-theirs[0].size // 3000))
         time, y = theirs[0][rows], theirs[1][rows]
-        at = time + shifts[:, None]
-        x = np.interp(at, *ours[:2], left=0.0 if ours[2] else np.nan, right=0.0 if ours[2] else np.nan)
+        outside = 0.0 if our_kind in ("contacts", "swings") else np.nan
+        x = np.interp(time + shifts[:, None], *ours, left=outside, right=outside)
         there = np.isfinite(x)
         count = np.maximum(there.sum(axis=1), 1)
         x, y = np.where(there, x, 0.0), np.where(there, y, 0.0)
@@ -154,22 +127,4 @@ def _of_signals(
         spread = np.sqrt(np.maximum(sums[2] - sums[0] ** 2, 0.0) * np.maximum(sums[3] - sums[1] ** 2, 0.0))
         r = np.divide(sums[4] - sums[0] * sums[1], spread, out=np.full(len(shifts), np.nan), where=spread > 1e-12)
         errors.append(np.where(count > 0.5 * time.size, 1.0 - r, np.inf))
-    return np.mean(errors, axis=0) if errors else None
-
-
-def _of_way(estimate: Estimate, reference: Estimate, shifts: np.ndarray) -> np.ndarray | None:
-    """(shifts,) difference of the distances so far, the reference shifted [s] and in any unit, over the whole distance;
-    None without both, or if nobody goes a metre.
-    """
-    known, valid = np.asarray(reference.valid, bool), np.asarray(estimate.valid, bool)
-    if estimate.distance is None or reference.distance is None or not known.any() or not valid.any():
-        return None
-    rows = np.flatnonzero(known)[:: -(-int(known.sum()) // MOST_SAMPLES)]
-    theirs = as_float(reference.distance)[rows]
-    if np.ptp(theirs) < DISTANCE_M:
-        return None
-    at = as_float(reference.time)[rows] + shifts[:, None]
-    ours = np.interp(at, as_float(estimate.time)[valid], as_float(estimate.distance)[valid])
-    ours, theirs = ours - ours.mean(axis=1, keepdims=True), theirs - theirs.mean()
-    scale = (ours @ theirs) / np.maximum(np.sum(ours**2, axis=1), DISTANCE_M)
-    return np.std(scale[:, None] * ours - theirs, axis=1) / np.ptp(theirs)
+    return np.mean(errors, axis=0) if errors else np.full(len(shifts), np.nan)

@@ -109,7 +109,7 @@ class Results:
         table = self.base.copy()
         if not self.cycles:
             table["stance_duration_s"], table["swing_duration_s"] = np.nan, np.nan
-            if "final_contact_s" in table:
+            if {"start_s", "final_contact_s", "end_s"} <= set(table):
                 stance = table["final_contact_s"] - table["start_s"]
                 table["stance_duration_s"] = stance.where(stance > 0.0)
                 table["swing_duration_s"] = table["end_s"] - table["final_contact_s"]

@@ -232,13 +232,11 @@ def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Serie
 
     if "start_s" not in strides:
         return None
-    by_shoe = strides[strides["source"] == CONTACTS]
-    contacts = {side: np.unique(by_shoe.loc[by_shoe["side"] == side, ["start_s", "end_s"]].dropna()) for side in SIDES}
-    other = dict(zip(SIDES, reversed(SIDES), strict=True))
     durations = pd.Series(np.nan, table.index)
-    for row, stride in table[table["source"] == CONTACTS].iterrows():
-        times = contacts[other[stride["side"]]]
-        within = times[(times > stride["start_s"]) & (times < stride["end_s"])]
-        if len(within):
-            durations[row] = stride["end_s"] - within[-1]
+    for side, other in zip(SIDES, reversed(SIDES), strict=True):
+        theirs = strides[(strides["source"] == CONTACTS) & (strides["side"] == other)]
+        times = np.append(-np.inf, np.unique(theirs[["start_s", "end_s"]].dropna()))
+        mine = table[(table["source"] == CONTACTS) & (table["side"] == side)]
+        last = times[np.searchsorted(times, mine["end_s"]) - 1]  # the other foot's last contact before the end
+        durations[mine.index] = (mine["end_s"] - last).where(last > mine["start_s"]).astype(float)
     return durations

@@ -6,7 +6,7 @@ import numpy as np
 
 from jgait import plot
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
-from jgait.estimators.totals import stated_angle
+from jgait.estimators.totals import has_strides, joint_ranges
 from jgait.plot.feet import special
 from jgait.report.page import Picture, picture
 from jgait.types import SIDES, Estimate, Feet, Legs, as_float
@@ -27,16 +27,19 @@ def pictures(
     """
     drawn: list[Picture] = []
     measured = bool(np.any(estimate.valid))
-    if measured and estimate.feet is not None and any(foot is not None for foot in estimate.feet):
+    if has_strides(estimate):
+        drawn.append(_strides(estimate))
+    if measured and _worn(estimate.feet):
         drawn += _feet(estimate, reference)
-    elif estimate.strides is not None and np.any(estimate.strides.valid):
-        drawn += _of_strides(estimate)
     if any(leg is not None for leg in estimate.legs):
         drawn += _legs(estimate, reference)
     if estimate.distance is not None and measured:
-        drawn += _distance(estimate, reference)
-    if made is not None:
-        for figure in (figure for figure in special if figure.caption and figure.when(estimate)):
+        way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
+        caption = "Distance walked since the start." + f" {BAND}" * ("distance_stddev" in estimate.diagnostics)
+        alt = f"Distance over time, {way[-1] - way[0]:.1f} m in all"
+        drawn.append(picture(plot.distance(estimate, reference), alt, caption))
+    for figure in special:
+        if made is not None and figure.caption and figure.when(estimate):
             arguments, words = figure.arguments(made)
             drawn.append(picture(getattr(plot, figure.plot)(*arguments, **words), figure.caption, figure.caption))
     return drawn
@@ -59,11 +62,8 @@ def _worn(pair: Legs | Feet | None) -> str:
 
 def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     spans = []
-    for side, leg in zip(SIDES, estimate.legs, strict=True):
-        for joint in () if leg is None else ("hip", "knee"):
-            values = stated_angle(estimate, side, joint)
-            if values.size:
-                spans.append(f"{side} {joint} {values.min():.0f} to {values.max():.0f}°")
+    for joint, pair in joint_ranges(estimate).items():
+        spans += [] if pair is None else [f"{' '.join(joint.split()[::-1])} {pair[0]:.0f} to {pair[1]:.0f}°"]
     ranges = "; ".join(spans).replace("-", "−")
     remarks = "" if reference is None else " Dashed: the reference."
     unusable = [side for side in SIDES if not estimate.diagnostics.get(f"angles_valid_{side}", True)]
@@ -84,6 +84,23 @@ def _legs(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     return made
 
 
+def _strides(estimate: Estimate) -> Picture:
+    """Every stride over time, of feet or of another sensor."""
+    strides = estimate.strides
+    valid = np.asarray(strides.valid, bool)
+    marks = " Marks around a stride are explained below the figure: turns, doubts and the like."
+    marks = marks if special(estimate) else ""
+    if _worn(estimate.feet):
+        width = ", width" if np.isfinite(as_float(strides.width)[valid]).any() else ""
+        caption = f"Length{width} and rise of every stride. Bars are ± two standard deviations.{marks}"
+        return picture(plot.stride_series(estimate), f"Measures of {valid.sum()} strides over time", caption)
+    caption = "Every stride, when it ends. Bars are ± two standard deviations of the error, by the estimator."
+    length = as_float(strides.length)[valid]
+    lengths = f"lengths from {np.nanmin(length):.2f} to {np.nanmax(length):.2f} m"
+    alt = f"Measures of {valid.sum()} strides over time; {lengths}"
+    return picture(plot.leg_strides(estimate), alt, f"{caption}{marks}")
+
+
 def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     worn = _worn(estimate.feet)
     shown = reference if reference is not None and reference.feet is not None else None
@@ -93,45 +110,11 @@ def _feet(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
     made = [picture(plot.foot_paths(estimate, shown), f"Path of the {worn} foot from above", caption)]
     caption = "Height of the sensor along the way; marks are footholds. Heights are drawn larger than lengths."
     made.append(picture(plot.foot_height(estimate), f"Height of the {worn} foot along its way", caption))
-    if estimate.strides is None or not np.any(estimate.strides.valid):
-        return made
-    width = as_float(estimate.strides.width)[np.asarray(estimate.strides.valid, bool)]
-    has_width = bool(np.isfinite(width).any())
-    caption = (
-        f"Length{', width' if has_width else ''} and rise of every stride. Bars are ± two standard deviations."
-        f"{_marks(estimate)}"
-    )
-    alt = f"Measures of {int(np.sum(estimate.strides.valid))} strides over time"
-    made.insert(0, picture(plot.stride_series(estimate), alt, caption))
-    if estimate.feet is not None and None not in estimate.feet and has_width:
+    wide = has_strides(estimate) and np.isfinite(as_float(estimate.strides.width)[np.asarray(estimate.strides.valid)])
+    if estimate.feet is not None and None not in estimate.feet and np.any(wide):
         caption = (
             "Both feet in one world, with stride widths as lines between the footholds: from above, in straight "
             "parts, and over time. Hollow marks are unreliable."
         )
         made.append(picture(plot.two_feet(estimate), "Stride widths from above and over time", caption))
     return made
-
-
-def _marks(estimate: Estimate) -> str:
-    """The sentence about the marks of special strides, if any stride has one."""
-    sentence = " Marks around a stride are explained below the figure: turns, doubts and the like."
-    return sentence if special(estimate) else ""
-
-
-def _of_strides(estimate: Estimate) -> list[Picture]:
-    many = int(np.sum(estimate.strides.valid))
-    caption = (
-        "Every stride, when it ends. Bars are ± two standard deviations of the error, by the estimator."
-        f"{_marks(estimate)}"
-    )
-    length = as_float(estimate.strides.length)[np.asarray(estimate.strides.valid, bool)]
-    alt = f"Measures of {many} strides over time; lengths from {np.nanmin(length):.2f} to {np.nanmax(length):.2f} m"
-    return [picture(plot.leg_strides(estimate), alt, caption)]
-
-
-def _distance(estimate: Estimate, reference: Estimate | None) -> list[Picture]:
-    way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
-    stated = "distance_stddev" in estimate.diagnostics
-    caption = "Distance walked since the start." + (f" {BAND}" if stated else "")
-    alt = f"Distance over time, {way[-1] - way[0]:.1f} m in all"
-    return [picture(plot.distance(estimate, reference), alt, caption)]

@@ -6,16 +6,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from made import command
-from made.notes import note
+from made.duty import RATE, made
 
 from jgait import io
 from jgait.commands.console import console
 from jgait.commands.pipeline import Choice
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
 from jgait.estimators import duty_cycled_gyro
-from jgait.types import Estimate, Imu, Legs, LegTrajectory, Recording
-
-RATE = 50.0
+from jgait.types import Imu, Recording
 
 
 def run(*words):
@@ -51,21 +48,6 @@ def leg() -> Recording:
 @pytest.fixture
 def csv(tmp_path):
     return io.write_csv(leg(), tmp_path / "walk.csv")
-
-
-def made(samples=2000):
-    """An estimate as `duty_cycled_gyro` gives it; the shank's gyroscope sleeps a while."""
-    time, how = np.arange(samples) / RATE, np.full(samples, MEASURED)
-    how[500:600], how[800:1000] = HELD, FILLED
-    wave, spread = np.sin(2.0 * np.pi * time), np.full(samples, 0.02)
-    told = {"gyro_energy_saved": 0.4, "usable_share": 0.5, "mean_power": 0.02, "battery_life": 7200.0,
-            "battery_life_always_on": 3600.0, "latency": 0.0, "notes": (note("a fact"),),
-            "standing": (0, 50)}  # fmt: skip
-    for name, flags in (("thigh_right", np.full(samples, MEASURED)), ("shank_right", how)):
-        told |= {f"angle_{name}": 0.3 * wave, f"angle_stddev_{name}": spread, f"gyro_{name}": wave,
-                 f"how_{name}": flags}  # fmt: skip
-    legs = Legs(LegTrajectory(0.3 * wave, 0.6 * wave, wave, wave), None)
-    return Estimate(time, legs, Legs(LegTrajectory(*(spread,) * 4), None), None, np.ones(samples, bool), told)
 
 
 def test_tables_totals_and_a_figure(csv, tmp_path, monkeypatch):

@@ -8,11 +8,9 @@ from made.foot import foot
 from made.track import step
 
 from jgait import io
-from jgait.commands import cohort
 from jgait.types import Imu, RangeReadings, Recording
 
 HZ, APART, OFFSET = 100.0, 0.2, 0.08
-LEGS = ("thigh_length", "shank_length")
 LENGTHS = {"right": np.r_[0.6, np.full(5, 1.2)], "left": np.full(6, 1.2)}
 RESTS = {"right": 1.5, "left": 2.05}
 
@@ -69,17 +67,3 @@ def test_widths_where_the_feet_hear_each_other(walk, tmp_path):
     np.testing.assert_allclose(good["stride_width_m"], APART, atol=0.03)
     code, said = run("estimate", walk, *words, "--notes")
     assert code == 0 and "Check: No --option range-offset: the default of 0.08 m is taken" in said
-
-
-def test_a_table_may_tell_the_pivot_and_the_offset_of_each_person(tmp_path):
-    io.write_csv(foot(strides=2).recording, tmp_path / "a.csv")
-    rows = {"file": ["a.csv"], "subject": ["p"], "pivot_height_m": [0.09], "range_offset_m": [-0.05]}
-    pd.DataFrame(rows).to_csv(tmp_path / "cohort.csv", index=False)
-    found = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2", ("pivot_height",))
-    assert found.notes == [] and found.failures == []
-    walk = found.read("a.csv")
-    assert cohort.body(walk, ("pivot_height", "range_offset")) == {"pivot_height": 0.09, "range_offset": -0.05}
-    legs = cohort.source(tmp_path / "cohort.csv", None, None, 0, "deg/s", "m/s^2", LEGS)
-    assert [(note.code, note.values["column"], note.values["without"]) for note in legs.notes] == [
-        ("measure_of_some", "thigh_length_m nor height_m", 1), ("measure_of_some", "shank_length_m nor height_m", 1)
-    ]  # fmt: skip

@@ -38,13 +38,6 @@ def feet(**made):
     return legs()._replace(legs=Legs(None, None), feet=Feet(FootTrajectory(place, None, None), None))
 
 
-def way(late=0.0, lasts=5.0, stops=0.0, speed=1.0):
-    """The distance of a person who walks from 6 s on, and stops after half of the time."""
-    at = TIME - 6.0 - late
-    gone = np.clip(at, 0.0, 0.5 * lasts) + np.clip(at - 0.5 * lasts - stops, 0.0, 0.5 * lasts)
-    return legs()._replace(legs=Legs(None, None), distance=speed * gone)
-
-
 MADE = [(legs, "the knee's angles"), (strides, "contacts"), (feet, "speeds of the feet")]
 
 
@@ -95,21 +88,8 @@ def test_strides_beside_the_samples_of_a_reference_are_compared_too():
         assert note.values["when"] == ("earlier" if late > 0.0 else "later")
 
 
-def test_distances_of_another_walk_or_on_another_clock_are_noted():
-    for late in (-2.0, 1.5):
-        (note,) = clock_notes(way(), way(late=late))
-        assert note.code == "reference_clock" and note.values["what"] == "distances"
-        assert note.values["seconds"] == pytest.approx(abs(late), abs=0.03)
-    (note,) = clock_notes(way(lasts=2.0), way(lasts=2.0, stops=4.0))
-    assert note.code == "reference_other" and note.values["what"] == "distances"
-    ends = way()._replace(valid=(TIME < 0.25) | (TIME > 19.75))
-    assert not clock_notes(way(late=3.0), ends)  # of the whole distance alone nothing is known between
-
-
 def test_errors_on_the_same_clock_are_not():
     assert not clock_notes(feet(), feet(noise=np.deg2rad(2.0)))
-    assert not clock_notes(way()._replace(distance=np.nan * TIME), way(late=2.0))
-    assert not clock_notes(way(), way(speed=3.0)) and not clock_notes(way(), way(late=0.2))
     assert not clock_notes(legs(), legs(noise=np.deg2rad(12.0)))
     assert not clock_notes(legs(), legs(late=0.05))
     assert not clock_notes(strides(drop=(0, 1, 2, 3, 4)), strides())
