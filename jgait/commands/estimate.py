@@ -34,16 +34,10 @@ if TYPE_CHECKING:
     import pandas as pd
     from distributed import Client
 
-ENDINGS = ("csv", "parquet", "json")
-"""Formats of tables."""
-
 EPILOG = options.epilog()
 
 STYLES = {"stop": "bold red", "check": "yellow", "corrected": "", "info": ""}
 """Grade of a flag → its style in the terminal."""
-
-OUTCOME = "outcome.json"
-"""File of a recording's `Outcome` beside its tables and figures, until they are put together."""
 
 type Read = Callable[[Item], tuple[Recording, Mapping[str, PyTree]]]
 """Reads a recording and the measures of its person."""
@@ -115,8 +109,8 @@ def estimate(
     "do not use"; 1: some could not be used, such as without walking where leg_ekf or duty_cycled_gyro runs alone; 2:
     none.
     """
-    if table_format not in ENDINGS:
-        stop(f"--table-format is {', '.join(ENDINGS)}; got '{table_format}'")
+    if table_format not in ("csv", "parquet", "json"):
+        stop(f"--table-format is csv, parquet, json; got '{table_format}'")
     for name, asked in (("--params", params is not None), ("--paper", paper)):
         if asked and estimator is None:
             stop(f"{name} is of one estimator; give --estimator as well")
@@ -285,12 +279,12 @@ def _estimated(
 
 def _noted(place: Path, outcome: Outcome) -> Path:
     """Write an outcome into its folder, and return the folder."""
-    write_text(place / OUTCOME, json.dumps(console.plain(outcome._asdict()), default=str))
+    write_text(place / "outcome.json", json.dumps(console.plain(outcome._asdict()), default=str))
     return place
 
 
 def _outcome_in(place: Path) -> Outcome:
-    outcome = Outcome(**json.loads((place / OUTCOME).read_text(encoding="utf-8")))
+    outcome = Outcome(**json.loads((place / "outcome.json").read_text(encoding="utf-8")))
     return outcome._replace(flags=[Flag(*flag) for flag in outcome.flags])
 
 

@@ -23,13 +23,6 @@ GROUPS = {f"{part}s" if part != "foot" else "feet": tuple(f"{part}_{side}" for s
           for part in ("foot", "shank", "ankle", "thigh")}  # fmt: skip
 """Word for the sensors of both sides → placements."""
 
-HEAD = (
-    "expected: error of the mean, ± its standard deviation with so many walks; bias: mean error, which more people do "
-    "not reduce; people: standard deviation of a person's error; stride: root mean square error of single strides; "
-    "covered: strides within two of their stated deviations, 95 % if these are right; gyroscope: its mean power."
-)
-"""What the columns of the table are."""
-
 
 def plan(
     file: Annotated[
@@ -165,7 +158,12 @@ def _show(table: pd.DataFrame, measure: str, within: float | None, people: int) 
         rows.append((row["name"], *numbers, covered, f"{1e3 * row['gyr_power']:.1f}", row["walks"]))
     head = ("set-up", f"expected [{unit}]", "bias", "people", "stride", "covered", "gyroscope [mW]", "walks")
     show(*head, rows=rows, title=f"{column.words}, mean of {people if people > 1 else 'each person'}")
-    say(HEAD, style="dim")
+    say(
+        "expected: error of the mean, ± its standard deviation with so many walks; bias: mean error, which more people "
+        "do not reduce; people: standard deviation of a person's error; stride: root mean square error of single "
+        "strides; covered: strides within two of their stated deviations, 95 % if these are right; gyroscope: its mean "
+        "power.", "dim",
+    )  # fmt: skip
     best, *others = table[table["walks"] > 0].to_dict("records")
     alike = [row["name"] for row in others if row["expected"] - best["expected"]
              < 2.0 * math.hypot(row["expected_sd"], best["expected_sd"])]  # fmt: skip

@@ -23,9 +23,6 @@ from jgait.report.page import Section
 from jgait.tune import explain as explained_by
 from jgait.types import Walk, reason_of
 
-ENDINGS = (".html", ".htm")
-"""Endings of the name of a page."""
-
 EPILOG = options.epilog()
 
 COHORTS_BY = "leg_ekf"
@@ -78,7 +75,7 @@ def report(
     The page loads nothing from other addresses and names no folder. Exit code 0: success; 1: some recordings of a
     cohort could not be used; 2: no page could be made.
     """
-    if out.suffix.lower() not in ENDINGS:
+    if out.suffix.lower() not in (".html", ".htm"):
         stop(f"--out is the name of a page and ends with .html; got {out.name!r}")
     keep_inputs([out, json_file], [what, params])
     if json_file is not None and json_file.resolve() == out.resolve():

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 PLANNED = ("tuned.json", "training.png", "held_out.csv", "before_after.png")
 """Names of the files that the command may write."""
 
-MOST = 30
-"""Largest number of people in the table on the terminal; the file has all people."""
-
 ENOUGH = 6
 """Smallest number of people for a verdict: fewer change in the same direction by chance in more than 5 % of cases."""
 
@@ -132,8 +129,8 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) ->
     ordered = table.sort_values("error_after", ascending=False, kind="stable")
     errors = ["error_before", "error_after", "change"]
     rows = [(subject, f"{row['n']:.0f}", *map(significant, row[errors]))
-            for subject, row in ordered.head(MOST).iterrows()]  # fmt: skip
-    rows += [(f"… and {len(table) - MOST} more",)] if len(table) > MOST else []
+            for subject, row in ordered.head(30).iterrows()]  # fmt: skip
+    rows += [(f"… and {len(table) - 30} more",)] if len(table) > 30 else []
     every = ((f"median of {plural}", np.nanmedian), ("worst", np.nanmax))
     below = [(name, "", *(significant(of(table[error])) for error in errors[:2])) for name, of in every]
     title = f"{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first"

@@ -194,18 +194,15 @@ def checked_mesh(mesh: Mesh | None) -> Mesh | None:
     return local
 
 
-def sharded(mapped: Callable[..., PyTree], mesh: Mesh) -> Callable[..., PyTree]:
-    """A function over batches, each batch divided among the devices of a mesh; devices exchange no data."""
-    along = PartitionSpec(mesh.axis_names[0])
-    # The carry of a scan begins with constants, equal on all devices, and ends different: this is intended.
-    return jax.shard_map(mapped, mesh=mesh, in_specs=along, out_specs=along, check_vma=False)
-
-
 @functools.lru_cache(maxsize=64)
 def program(run: Callable[..., Estimate], options: PyTree, mesh: Mesh | None) -> Callable[..., PyTree]:
     """The compiled estimator over a batch; cached for equal arguments, so that no program is compiled twice."""
     mapped = jax.vmap(lambda params, inputs: run(params, inputs, options))
-    return compiled(mapped if mesh is None else sharded(mapped, mesh))
+    if mesh is not None:  # each batch is divided among the devices, which exchange no data
+        along = PartitionSpec(mesh.axis_names[0])
+        # The carry of a scan begins with constants, equal on all devices, and ends different: this is intended.
+        mapped = jax.shard_map(mapped, mesh=mesh, in_specs=along, out_specs=along, check_vma=False)
+    return compiled(mapped)
 
 
 def _started(job: CohortJob, bucket: list[Ready]) -> PyTree:

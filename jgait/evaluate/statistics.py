@@ -193,9 +193,6 @@ AGREEMENT = (
 )  # fmt: skip
 """Columns of the table of `agreement`."""
 
-RESAMPLES = 2000
-"""Number of resamples of an interval over subjects."""
-
 
 class PairedDifference(NamedTuple):
     """Change of errors, after − before; a negative change is an improvement.
@@ -255,7 +252,7 @@ def paired_difference(
     if count < 2:
         raise ValueError(f"a paired difference needs at least two subjects; got {count}")
     changes = np.bincount(codes, second - first) / np.bincount(codes)
-    low, high = _ends(np.median(changes[_draws(count, seed, RESAMPLES)], axis=1))
+    low, high = _ends(np.median(changes[_draws(count, seed, 2000)], axis=1))
     better, worse = int(np.sum(changes < 0.0)), int(np.sum(changes > 0.0))
     return PairedDifference(float(np.median(changes)), low, high, count, better, worse)
 
@@ -280,7 +277,7 @@ def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
     return table.assign(error=error, abs_error=np.abs(error), rel_error=relative)
 
 
-def agreement(table: "pd.DataFrame", *, seed: int = 0, resamples: int = RESAMPLES) -> "pd.DataFrame":
+def agreement(table: "pd.DataFrame", *, seed: int = 0, resamples: int = 2000) -> "pd.DataFrame":
     """Agreement of estimates with their reference, one row a quantity, in order of appearance.
 
     Bias and limits are those of `limits_of_agreement` with the rows' subjects; the interval of the mean absolute error

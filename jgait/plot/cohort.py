@@ -41,10 +41,6 @@ def _rows(table: "pd.DataFrame", quantity: str) -> "pd.DataFrame":
     return chosen[finite].assign(subject=people(chosen["subject"][finite]))
 
 
-APART = 0.11
-"""Smallest distance of two labels of two lines that do not overlap [share of the axis' height]."""
-
-
 def bland_altman(
     table: "pd.DataFrame",
     quantity: str,
@@ -105,7 +101,7 @@ def _limits(axis: Axes, limits: Limits, unit: str) -> None:
         axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
         axis.plot([at, at], [low, high], "_-", color="black", transform=beside, clip_on=False, markersize=6)
     bottom, top = axis.get_ylim()
-    apart = APART * (top - bottom)
+    apart = 0.11 * (top - bottom)  # labels of two lines do not overlap
     places = (limits.bias, max(limits.upper, limits.bias + apart), min(limits.lower, limits.bias - apart))
     for (name, _, _, value, _, _), place in zip(lines, places, strict=True):
         text = f"{name}\n{_number(value)}{' ' + unit if unit else ''}"

@@ -199,7 +199,7 @@ def series_of(
     axis: Axes, table: "pd.DataFrame", column: Column, *, labelled: bool, part: str = "foot", joined: bool = False
 ) -> None:
     """One column of the table of strides of both sides over time; strides without a value are left out. With `joined`,
-    a line goes through the strides of a side, with a gap where they are `APART_S` or more apart.
+    a line goes through the strides of a side, with a gap where they are 10 s or more apart: a pause.
     """
     for side in SIDES:
         rows = table[table["side"] == side]
@@ -216,13 +216,10 @@ def series_of(
         hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
         axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.any() else None, **hollow)
         if joined:
-            gaps = np.flatnonzero(np.diff(when) >= APART_S) + 1
+            gaps = np.flatnonzero(np.diff(when) >= 10.0) + 1
             times, heights = (np.insert(line.to_numpy(float), gaps, np.nan) for line in (when, values))
             axis.plot(times, heights, color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
 
-
-APART_S = 10.0
-"""[s] Least time between the ends of two strides of a side that no line joins: a pause, not a missed stride."""
 
 RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL: dict[str, Style] = {

@@ -27,9 +27,6 @@ FIELDS = (
     ("y", "ankle above hip [cm]", 100.0),
 )
 
-TINY = 1e-6
-"""[m] Least distance by which the band of a distance is scaled, so that it is none if nobody walks."""
-
 
 def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | None]]:
     spreads = estimate.stddev or (None, None)
@@ -154,7 +151,7 @@ def distance(estimate: Estimate, reference: Estimate | None = None, *, title: st
         way = np.asarray(estimate.distance, float)
         if np.size(spread) == 1:  # of the whole walk
             gained = way - way[0]
-            spread = spread * gained / max(np.nanmax(gained), TINY)
+            spread = spread * gained / max(np.nanmax(gained), 1e-6)
         until = np.flatnonzero(np.append(True, np.asarray(estimate.valid, bool)))[-1]  # padding follows
         time, way, spread = (np.asarray(part)[:until] for part in (estimate.time, way, spread))
         band(axis, time, way, spread, color="0.85")

@@ -22,11 +22,6 @@ BEST: Style = {
     "marker": "D", "color": "white", "markeredgecolor": "black", "markeredgewidth": 1.6, "markersize": 8.0,
     "linestyle": "none", "zorder": 5,
 }  # fmt: skip
-LEVEL = 0.95
-"""[1] Coverage probability of the line and the interval of a profile."""
-
-MANY = 14
-"""Smallest number of parameters for which the squares have no numbers."""
 
 
 def _plain(axis: "Axis") -> None:
@@ -46,7 +41,7 @@ def correlation(identifiability: "Identifiability", *, title: str = "") -> Figur
     """
     values = identifiability.correlation
     size = len(values)
-    side = 2.6 + (0.62 if size < MANY else 0.32) * size
+    side = 2.6 + (0.62 if size < 14 else 0.32) * size
     figure, axes = blank(1, 1, side + 0.8, side)
     axis = axes[0, 0]
     shown = axis.imshow(np.abs(values), cmap="Greys", vmin=0.0, vmax=1.0)
@@ -60,7 +55,7 @@ def correlation(identifiability: "Identifiability", *, title: str = "") -> Figur
     axis.set_yticks(np.arange(size - 1) + 0.5, minor=True)
     axis.grid(which="minor", color="0.8", linewidth=0.6)
     axis.tick_params(which="both", length=0)
-    for i, j in np.ndindex(size, size) if size < MANY else ():
+    for i, j in np.ndindex(size, size) if size < 14 else ():
         value = values[i, j]
         text = "1" if i == j else "0" if abs(value) < 0.005 else f"{value:+.2f}".replace("-", "−")
         axis.text(j, i, text, ha="center", va="center", fontsize=8, color="white" if abs(value) > 0.55 else "black")
@@ -77,14 +72,14 @@ def profile(profile: "Profile", *, title: str = "") -> Figure:
     """Increase of the loss with one parameter fixed at other values than the best, and ends of the 95 % interval."""
     figure, axes = blank(1, 1, 6.0, 3.8)
     axis = axes[0, 0]
-    need = NormalDist().inv_cdf(0.5 + LEVEL / 2.0) ** 2 / 2.0
+    need = NormalDist().inv_cdf(0.975) ** 2 / 2.0
     finite = np.isfinite(profile.rises)
     rises = profile.rises[finite]
     axis.plot(*profile.curve(), **ESTIMATE)
     axis.plot(profile.values[finite], rises, "o", color=RED, markersize=4.5)
-    line = {**REFERENCE, "label": f"{100 * LEVEL:g} %: {need:.3g} nat"}
+    line = {**REFERENCE, "label": f"95 %: {need:.3g} nat"}
     axis.axhline(need, **line)
-    low, high = profile.interval(LEVEL)
+    low, high = profile.interval(0.95)
     for end, words in ((low, "from"), (high, "to")):
         if end is not None:
             axis.plot([end, end], [0.0, need], label=f"{words} {end:.4g}", color="0.35", linewidth=1.0,

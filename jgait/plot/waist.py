@@ -29,12 +29,6 @@ CONTACT: dict[str, Style] = {
     "left": {"color": BLUE, "linewidth": 1.5, "linestyle": (0, (5, 1.5)), "zorder": 1.5},
 }
 RULE = PaperRule()
-SHOWN_S = 4.0
-"""[s] Length of the window that is drawn, about the middle contact."""
-
-TICK_S = 0.2
-"""[s] Distance of the ticks of a short time axis."""
-
 ROWS = ((0, "forward [m/s²]"), (2, "upward [m/s²]"), (1, "to the left [m/s²]"))
 
 
@@ -67,7 +61,7 @@ def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "")
         _drawn(axis, time, raw, contacts, (first, last))
         axis.set_ylabel(unit)
         axis.set_xlim(first, last)
-        axis.set_xticks(np.arange(np.ceil(first / TICK_S), np.floor(last / TICK_S) + 1.0) * TICK_S, minor=True)
+        axis.set_xticks(np.arange(np.ceil(first / 0.2), np.floor(last / 0.2) + 1.0) * 0.2, minor=True)
         axis.grid(alpha=0.18, which="minor", axis="x")
     axes[-1, 0].set_xlabel("time [s]")
     legend(figure, title)
@@ -89,7 +83,7 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
 def _window(time: np.ndarray, contacts: np.ndarray) -> tuple[float, float]:
     """From and to [s]: four seconds about the middle contact."""
     middle = float(np.sort(contacts)[contacts.size // 2])
-    return max(float(time[0]), middle - 0.5 * SHOWN_S), min(float(time[-1]), middle + 0.5 * SHOWN_S)
+    return max(float(time[0]), middle - 2.0), min(float(time[-1]), middle + 2.0)
 
 
 def _wavelet(time: np.ndarray, trunk: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

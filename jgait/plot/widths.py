@@ -11,14 +11,6 @@ from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, 
 from jgait.types import SIDES, Estimate, as_float
 
 ACROSS: Style = {"color": RED, "linewidth": 0.9}
-STRAIGHT = np.deg2rad(15.0)
-"""[rad] Largest turn of a straight stride."""
-
-FEWEST_STRIDES = 4
-"""Smallest number of strides of both feet in a section."""
-
-MOVING = 10
-"""Number of strides in the moving standard deviation of the width."""
 
 
 def two_feet(estimate: Estimate, *, title: str = "") -> Figure:
@@ -71,9 +63,9 @@ def _straight(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, float]]
     strides = estimate.strides
     first, last = as_float(strides.standing)[rows], as_float(strides.standing_end)[rows]
     turn = np.zeros(rows.size) if strides.turn is None else np.nan_to_num(as_float(strides.turn)[rows])
-    groups = itertools.groupby(range(rows.size), key=lambda k: bool(abs(turn[k]) < STRAIGHT))
+    groups = itertools.groupby(range(rows.size), key=lambda k: bool(abs(turn[k]) < np.deg2rad(15.0)))
     runs = [list(members) for straight, members in groups if straight]
-    spans = [(float(first[run].min()), float(last[run].max())) for run in runs if len(run) >= FEWEST_STRIDES]
+    spans = [(float(first[run].min()), float(last[run].max())) for run in runs if len(run) >= 4]
     longest = sorted(spans, key=lambda span: span[0] - span[1])[:3]
     return sorted(longest) or [(float(first.min()), float(last.max()))]
 
@@ -124,8 +116,8 @@ def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
     width = 100.0 * as_float(estimate.strides.width)[rows]
     there = np.isfinite(width)
     when, width = as_float(estimate.strides.end)[rows][there], width[there]
-    last = [width[max(0, k + 1 - MOVING) : k + 1] for k in range(width.size)]
-    spread = [float(np.std(widths, ddof=1)) if widths.size == MOVING else np.nan for widths in last]
+    last = [width[max(0, k - 9) : k + 1] for k in range(width.size)]
+    spread = [float(np.std(widths, ddof=1)) if widths.size == 10 else np.nan for widths in last]
     axis.plot(when, spread, color="0.3", linewidth=1.2)
-    axis.set_ylabel(f"SD of {MOVING} [cm]")
+    axis.set_ylabel("SD of 10 [cm]")
     axis.set_ylim(bottom=0.0)
