@@ -10,16 +10,16 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.checks import check_shapes, sensors_of
-from jgait.estimators.combined.alike import alike, with_sides_unlike
 from jgait.estimators.combined.compare import (
     Comparison,
+    alike,
     comparisons,
     contact_notes,
     quality_of,
     regular,
     side_notes,
-    waist_notes,
-)
+    with_sides_unlike,
+)  # fmt: skip
 from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
@@ -167,7 +167,7 @@ def analyse(
     contacts: list[Note] = []
     if strides is not None:
         contacts = contact_notes(estimates, strides, findings.doubtful | clocks)
-        differ += [*side_notes(estimates, strides), *contacts, *waist_notes(estimates, strides, wrong | clocks)]
+        differ += [*side_notes(estimates, strides), *contacts]
         legs = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
     elif any(source.estimate.strides is not None for source in estimates):

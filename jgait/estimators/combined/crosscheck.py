@@ -28,25 +28,9 @@ USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.
 UNIT_RATIO = 7.5
 """[1] Threshold on the ratio of a sensor's rate to the expected rate: the root of 180 / π, half way to another unit."""
 
-LEAST_WALK = 0.25
-"""[1] Least ratio of any sensor's rate to `USUAL_RATE` in walking. Chosen: between those of people who
-stand before the walks of `walking5m`, and of simulated people who walk a fifth as fast as usual."""
-
-INTENSITY_S = 1.0
-"""[s] Duration of the window over which the intensity of movement is averaged; about a stride, so that steps vanish."""
-
-LARGEST_FORCE = 3.0
-"""[m/s²] Limit on the difference of a specific force from its median in the intensity."""
-
-LATE_S, LONGEST_DELAY = 0.3, 1.5
-"""[s] Threshold on the delay of the trunk's intensity relative to that of the legs, and the longest delay tried; of 43
-public walks with synchronous sensors, two have 0.3 s or more, which the next two thresholds leave out."""
-
-LIKE, LEAST_GAIN = 0.9, 0.03
-"""[1] Least correlation of the intensities at the best delay, and least gain over the correlation without delay."""
-
-LEAST_SECONDS = 6.0
-"""[s] Shortest recording for the comparison of intensities."""
+LATE_S = 0.3
+"""[s] Threshold on the delay of the trunk's intensity relative to that of the legs; of 43 public walks with synchronous
+sensors, two have more, whose intensities are too unlike."""
 
 
 @record
@@ -96,7 +80,8 @@ def crosscheck(recording: Recording) -> Findings:
         accelerometers are checked.
     """
     rates = {name: fast_rate(imu) / USUAL_RATE[kind_of(name)] for name, imu in recording.sensors.items()}
-    walks = any(rate > LEAST_WALK for name, rate in rates.items() if kind_of(name) != "wrist")
+    # chosen: people who stand before the walks of `walking5m` have less
+    walks = any(rate > 0.25 for name, rate in rates.items() if kind_of(name) != "wrist")
     notes, unusable = _units(recording.sensors, rates if walks else dict.fromkeys(rates, 0.0))
     if not walks:
         return Findings(tuple(notes), frozenset(unusable), frozenset(), dict(recording.sensors), frozenset())
@@ -159,12 +144,12 @@ def _units(sensors: Mapping[str, Imu], rates: Mapping[str, float]) -> tuple[list
 def _intensity(imu: Imu, grid: np.ndarray, step: float) -> np.ndarray:
     """Intensity of a sensor's movement on a time grid: the specific force's difference from its median, of mean 1.
 
-    The difference is limited to `LARGEST_FORCE`, so that all parts of walking have the same weight, and averaged over
-    `INTENSITY_S`.
+    The difference is limited to 3 m/s², so that all parts of walking have the same weight, and averaged over
+    a second, about a stride.
     """
     force = np.linalg.norm(as_float(imu.acc), axis=1)
-    moved = np.minimum(np.abs(force - np.median(force)), LARGEST_FORCE)
-    width = max(1, round(INTENSITY_S / step))
+    moved = np.minimum(np.abs(force - np.median(force)), 3.0)  # [m/s²]
+    width = max(1, round(1.0 / step))  # [s] about a stride, so that steps vanish
     window = np.hanning(width + 2)[1:-1]
     level = np.convolve(np.interp(grid, as_float(imu.time), moved), window / window.sum(), mode="same")
     return np.asarray(level / max(float(level.mean()), 1e-9))
@@ -183,17 +168,19 @@ def _trunk(sensors: Mapping[str, Imu]) -> tuple[list[Note], set[str]]:
     step = 0.02
     every = [*legs[0], *legs[1], *(accelerometers[name] for name in trunk)]
     grid = np.arange(max(float(i.time[0]) for i in every), min(float(i.time[-1]) for i in every), step)
-    if grid.size * step < LEAST_SECONDS:
+    if grid.size * step < 6.0:  # [s]
         return [], set()
     of_legs = np.mean([np.median([_intensity(imu, grid, step) for imu in side], axis=0) for side in legs], axis=0)
     notes: list[Note] = []
     doubtful: set[str] = set()
     for name in trunk:
         delay, likeness, gain = _delay(
-            _intensity(accelerometers[name], grid, step), of_legs, round(LONGEST_DELAY / step)
+            _intensity(accelerometers[name], grid, step),
+            of_legs,
+            round(1.5 / step),  # [s]
         )
         seconds = delay * step
-        if abs(seconds) > LATE_S and likeness > LIKE and gain > LEAST_GAIN:
+        if abs(seconds) > LATE_S and likeness > 0.9 and gain > 0.03:
             words = "late" if seconds > 0.0 else "early"
             notes.append(late_clock(name, abs(seconds), words))
             doubtful.add(name)

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.estimators.checks import lost_between, not_bridged
+from jgait.estimators.checks import lost_between
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.plausible import impossible, knees, too_fast
+from jgait.estimators.plausible import knees, too_fast
 from jgait.estimators.sides import durations
-from jgait.estimators.stride_flags import DOUBTFUL, FEWEST_STRIDES
+from jgait.estimators.stride_flags import FEWEST_STRIDES
 from jgait.estimators.walking import MID_STANCE
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
@@ -34,41 +34,12 @@ DISTANCE_ADDED = Kind(
     "deviation contains it. A person who stood still in a loss walked less.",
 )  # fmt: skip
 
-SMALL = 0.5
-"""[1] Standard deviation of the distance by one swing that is too small to be counted, over the median stride. Chosen:
-steps that a shank missed in simulated walks of 0.1 to 0.15 m/s have 0.4 to 1, trembling has none."""
-
 USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 """[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
-
-ADDED_SD = 0.3
-"""[1] Relative standard deviation of the distance where the recording cuts a stride off or loses samples, in which a
-person can also stand still; chosen."""
-
-MOVES = 0.5
-"""[1] Least mean rate of a sensor beside a loss, over that in strides, with which the person walks beside it."""
-
-MISSING, NEAR = 0.6, 3.0
-"""[strides] Least time between two strides of one leg in which a stride is missing; and longest time without strides
-beside a loss in walking: a lost stance removes two strides and a part of a third."""
-
-LOSS_DIFFERENCE_M = 0.5
-"""[m] Largest difference of the distances that the two sides lost, with which both sides count."""
-
-DOUBTFUL_SD = 0.1
-"""[1] Relative standard deviation of a distance if all of its sources are in doubt; chosen with simulated runners
-(experiment `people.gaits`)."""
-
-MOSTLY = 0.5
-"""[1] Share of doubtful strides of a side above which the side's distance is in doubt."""
 
 ONE_SIDE = 0.03
 """[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
 `walking5m` (root mean square), 0.01 on `tripod`, 0.04 to 0.05 on the one walk of `neura_sparse`."""
-
-
-TINY = 1e-12
-"""[m²] Least variance of a distance, so that variances can be compared."""
 
 
 class WalkedDistance(NamedTuple):
@@ -96,7 +67,6 @@ class _Side(NamedTuple):
     unknown: float  #: what it did not see, and is not in the distance [m].
     doubtful: bool
     speed: float  #: median speed [m/s].
-    stride: float  #: median length of a stride [m].
     lacking: float  #: standard deviation of what swings too small to be counted add [m].
     cut: Spans  #: begin and end [s] of walking before the first and after the last stride.
     bridged: Spans  #: and of losses in walking.
@@ -108,8 +78,8 @@ def distances(
 ) -> tuple[list[WalkedDistance], list[Note]]:  # fmt: skip
     """The distance of every source that has one, the most certain first, and notes about sides that do not count.
 
-    Errors of a source's strides are taken to have one cause, so that they add up. Its deviation contains lost samples
-    and strides that no person walks. The distance is the mean of two sides, unless one is in doubt or lost more.
+    Errors of a source's strides are taken to have one cause, so that they add up. Its deviation contains lost samples.
+    The distance is the mean of two sides, unless one is in doubt or lost more.
 
     Args:
         sources: the sources.
@@ -128,7 +98,9 @@ def distances(
         sd = float(np.ravel(estimate.diagnostics["distance_stddev"])[-1])
         if source.name == "legs":  # the deviations of other sources contain the error of rates
             sd = float(np.hypot(sd, rates_share * total))
-        doubted = _stopped(source) | _mostly_doubtful(source) | (wrong if source.name != "legs" else wrong | late)
+        useless = any(knee.lost or knee.implausible for knee in knees(estimate).values())
+        doubted = {name for name in source.placements if useless or of_sensor(source.quality, name).unusable}
+        doubted |= wrong if source.name != "legs" else wrong | late
         sides = _sides(source, recording, doubted)
         used = _best(sides)
         way, doubtful = as_float(estimate.distance), bool(doubted.intersection(source.placements)) or _lacking(source)
@@ -143,61 +115,44 @@ def distances(
     return sorted(walked_distances, key=lambda distance: distance.stddev), notes
 
 
-def _stopped(source: SourceEstimate) -> frozenset[str]:
-    """Placements whose numbers are not to be used."""
-    useless = any(knee.lost or knee.implausible for knee in knees(source.estimate).values())
-    return frozenset(name for name in source.placements if useless or of_sensor(source.quality, name).unusable)
-
-
-def _mostly_doubtful(source: SourceEstimate) -> frozenset[str]:
-    """Placements of a source with more than `MOSTLY` of their strides in doubt."""
-    doubtful, strides = DOUBTFUL.read(source.estimate), source.estimate.strides
-    if doubtful is None:
-        return frozenset()
-    valid, of = np.asarray(strides.valid, bool), np.asarray(strides.side)
-    mine = {side: doubtful[valid & (of == number)] for number, side in enumerate(SIDES)}
-    sides = tuple(side for side, rows in mine.items() if rows.size and np.mean(rows) > MOSTLY)
-    return frozenset(name for name in source.placements if name.endswith(sides))
-
-
 def _lacking(source: SourceEstimate, side: str = "") -> bool:
     """True if steps of a source, or of one side of it, are missing, or are beyond what it can measure."""
     quality = (facts for name, facts in source.quality.items() if name.endswith(side))
-    return too_fast(source.estimate) or any(facts.runs or facts.unlike or facts.missed for facts in quality)
+    return too_fast(source.estimate) or any(facts.runs or facts.unlike for facts in quality)
 
 
 def _best(sides: list[_Side]) -> list[_Side]:
     """The sides with strides that are not in doubt, or else all; of these, those that do not lack more than others."""
     sound = [side for side in sides if not side.doubtful and side.length > 0.0] or sides
     least = min((side.unknown for side in sound), default=0.0)
-    return [side for side in sound if side.unknown <= least + LOSS_DIFFERENCE_M]
+    return [side for side in sound if side.unknown <= least + 0.5]  # [m]
 
 
-def _sides(source: SourceEstimate, recording: Recording, doubted: frozenset[str]) -> list[_Side]:
+def _sides(source: SourceEstimate, recording: Recording, doubted: set[str]) -> list[_Side]:
     """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides."""
     strides = source.estimate.strides
     sides: list[_Side] = []
     if strides is None or not np.any(strides.valid):
         return sides
-    length, beyond, valid = as_float(strides.length), impossible(strides), np.asarray(strides.valid, bool)
+    length, valid = as_float(strides.length), np.asarray(strides.valid, bool)
     lasts, end = durations(strides), as_float(strides.end)
     usual = float(np.nanmedian(lasts)) if np.isfinite(lasts).any() else USUAL_STRIDE_S
     start = as_float(strides.start) - np.where(np.isfinite(lasts), 0.0, 2.0 * MID_STANCE * usual)  # from the stance
     for name in source.placements:
         side = next((side for side in SIDES if name.endswith(side)), "")
         mine = valid & (np.asarray(strides.side) == SIDES.index(side)) if side else valid
-        whole = np.flatnonzero(mine & ~beyond)
+        whole = np.flatnonzero(mine)
         whole = whole[np.argsort(start[whole], kind="stable")]
         seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], usual)
         lengths = float(np.nansum(length[mine]))
         timed = mine & np.isfinite(lasts)
         speed = float(np.nanmedian(length[timed] / lasts[timed])) if timed.any() else USUAL_SPEED
-        unknown = USUAL_SPEED * seconds + float(np.nansum(length[mine & beyond]))
+        unknown = USUAL_SPEED * seconds
         unknown += speed * _other_alone(strides, SIDES.index(side)) if side else 0.0
-        stride = float(np.nanmedian(length[mine])) if mine.any() else 0.0
-        lacking = SMALL * stride * of_sensor(source.quality, name).small_swings
-        cut = _cut(source, name)
-        sides.append(_Side(side, lengths, unknown, name in doubted, speed, stride, lacking, cut, bridged))
+        # steps that a shank missed in simulated walks of 0.1 to 0.15 m/s have 0.4 to 1 of the median stride; chosen
+        small = of_sensor(source.quality, name).small_swings
+        lacking = 0.5 * small * float(np.nanmedian(length[mine])) if mine.any() else 0.0
+        sides.append(_Side(side, lengths, unknown, name in doubted, speed, lacking, _cut(source, name), bridged))
     return sides
 
 
@@ -243,7 +198,8 @@ def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, u
         unknown = float(np.mean([used_side.unknown for used_side in used]))
     else:
         unknown = USUAL_SPEED * float(np.median(np.diff(time)) * np.sum(~np.asarray(estimate.valid, bool)))
-    unseen = float(np.linalg.norm([unknown, *(ADDED_SD * metres for metres in added.values())]))
+    # [1] a person can also stand still there; chosen
+    unseen = float(np.linalg.norm([unknown, *(0.3 * metres for metres in added.values())]))
     lacking = float(np.mean([used_side.lacking for used_side in used])) if used else 0.0
     spread = float(np.linalg.norm([sd, unseen, lacking]))
     return WalkedDistance(source.name, time, way, spread, doubtful, **added, unseen=unseen)
@@ -273,26 +229,19 @@ def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, usual: float) -> tup
 
     Returns:
         Duration [s] in which strides can be missing, and the losses in walking: begin and end [s] of those between two
-        strides, beside which the sensor moves as in strides.
+        strides, with little more time than the loss.
     """
-    time, seconds, bridged = as_float(imu.time), 0.0, []
-    measured, rate = np.asarray(imu.mask, bool), np.linalg.norm(as_float(imu.gyr), axis=1)
+    time, lost, seconds, bridged = as_float(imu.time), ~np.asarray(imu.mask, bool), 0.0, []
     after, before = np.maximum.accumulate([time[0], *end]), np.array([*start, time[-1]])
-    stance = before + MID_STANCE * usual
-    edges = [np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before, stance)]
-    lost, near = (lost_between(~measured, time, edges[0], until) for until in edges[1:])
-    gaps = time[not_bridged(~measured, time)]
-    began = np.searchsorted(start, time, side="right") - np.searchsorted(np.sort(end), time)
-    strides = rate[(began > 0) & measured]
-    for number, (begin, until, gone) in enumerate(zip(after, before, lost, strict=True)):
-        within = gaps[(gaps > begin) & (gaps < stance[number])]
-        if gone <= LONGEST_LOSS and (near[number] == 0.0 or until - begin < MISSING * usual):
+    first, last, stance = (
+        np.clip(np.searchsorted(time, at), 0, time.size - 1) for at in (after, before, before + MID_STANCE * usual)
+    )
+    of_gaps, near = (lost_between(lost, time, first, until) for until in (last, stance))
+    for number, (begin, until, gone) in enumerate(zip(after, before, of_gaps, strict=True)):
+        if gone <= LONGEST_LOSS and (near[number] == 0.0 or until - begin < 0.6 * usual):
             continue
-        beside = [(first - USUAL_STRIDE_S, first) for first in within[:1]]
-        beside += [(last, last + USUAL_STRIDE_S) for last in within[-1:]]
-        rates = [rate[measured & (time >= a) & (time <= b)] for a, b in beside]
-        walking = 0 < number < len(start) and until - begin < gone + NEAR * max(usual, USUAL_STRIDE_S)
-        if walking and all(not len(part) or np.mean(part) > MOVES * np.mean(strides) for part in rates):
+        # a lost stance removes two strides and a part of a third
+        if 0 < number < len(start) and until - begin < gone + 3.0 * max(usual, USUAL_STRIDE_S):
             bridged.append((float(begin), float(until)))
         elif gone > LONGEST_LOSS:
             seconds += float(min(until - begin, gone + 2.0 * USUAL_STRIDE_S))
@@ -303,8 +252,8 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     """The distances of several sources combined by their variances, and a note for each that contradicts the first.
 
     Walking that no source measured has the same error in all of them. The combined distance follows the most certain
-    source in time. Doubtful sources count if there are no others; then half of the difference between them, and
-    `DOUBTFUL_SD`, are part of the deviation.
+    source in time. Doubtful sources count if there are no others; then half of the difference between them, and a
+    tenth, are part of the deviation.
     """
     if not distances:
         return None, []
@@ -312,10 +261,11 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     apart = 0.0
     if not sure:
         totals = np.array([distance.distance[-1] for distance in distances])
-        apart = float(np.hypot(0.5 * np.ptp(totals), DOUBTFUL_SD * totals.mean()))
+        apart = float(np.hypot(0.5 * np.ptp(totals), 0.1 * totals.mean()))  # chosen with simulated runners
     sure = sure or list(distances)
     ends, common = np.array([distance.distance[-1] for distance in sure]), min(distance.unseen for distance in sure)
-    independent_sd = np.sqrt(np.maximum(np.square([distance.stddev for distance in sure]) - common**2, TINY))
+    # [m²] variances can be compared
+    independent_sd = np.sqrt(np.maximum(np.square([distance.stddev for distance in sure]) - common**2, 1e-12))
     value, sd, kept = combined(ends, independent_sd, correlation([distance.source for distance in sure]))
     best = next(distance for distance, keeps in zip(sure, kept, strict=True) if keeps)
     total = best.distance[-1]

@@ -22,41 +22,11 @@ OFFSETS = {"foot": -0.10, "shank": 0.0, "ankle": 0.02, "thigh": -0.08}
 """[strides] Phase of the stride frequency in the squared rate, after that of the shank of the same leg. Medians of
 `walking5m` and `neura_sparse`; feet and ankles vary by 0.03, thighs by 0.1 between people."""
 
-APART = 0.25
-"""[strides] Threshold on the phase of a sensor relative to the others; half way from a correct to an exchanged one."""
-
-EITHER = 0.4
-"""[strides] Phase above which a clock may be late as well as early, because strides repeat."""
-
-LEAST_COHERENCE, LEAST_SHARE = 0.6, 0.08
-"""[1] Least coherence of a sensor's phase from stride to stride, and least share of the stride frequency in its
-movement; a sensor with less does not take part in the comparison of phases."""
-
-SURE, SURE_THIGH = 0.8, 0.3
-"""[1] Least coherence of a phase for a note on a wrong clock. [1] Least share of a thigh's phase for it: a limping leg
-with less may show the phase of its backward swing."""
-
-LEAST_CORRELATION, UNLIKE, SHIFTED = 0.85, 0.5, 0.3
-"""[1], [1], [strides] Least correlation of the strides of both thighs after a shift, largest one without it, and least
-shift, of a thigh whose clock is off; chosen, so that people who limp or run (`simulate.GAITS`) do not reach them."""
-
-RUNS = 0.36
-"""[strides] Phase of both sensors of a pair below which neither is off: in running both feet swing earlier beside the
-shanks than in walking, by more than `APART`."""
-
-LOST = 0.1
-"""[1] Largest share of lost samples in a stride that is compared."""
-
 SHARES = (np.arange(64) + 0.5) / 64.0
 """[strides] Moments of a stride at which movements are compared."""
 
 STRIDE_S = (0.7, 2.2)
 """[s] Shortest and longest stride."""
-
-PAUSES, MOSTLY = 1.5, 0.5
-"""[1] Least time to the next swing, over the stride's duration, of a stride that ends in standing; its last swing only
-moves the foot beside the other, so that thighs move otherwise. [1] Share of such strides above which the phase of a
-thigh is not sure."""
 
 
 class _Phase(NamedTuple):
@@ -98,10 +68,10 @@ def _phase(imu: Imu, begins: np.ndarray, ends: np.ndarray, offset: float) -> _Ph
 
 
 def _strides_of(imu: Imu, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """(n, 64) squared rate at `SHARES` of each stride about its mean, of strides with at most `LOST` lost samples."""
+    """(n, 64) squared rate at `SHARES` of each stride about its mean, of strides with at most a tenth of losses."""
     time, power = as_float(imu.time), np.sum(as_float(imu.gyr) ** 2, axis=1)
     at = begins[:, None] + (ends - begins)[:, None] * SHARES
-    at = at[np.interp(at, time, ~np.asarray(imu.mask, bool)).mean(axis=1) <= LOST]
+    at = at[np.interp(at, time, ~np.asarray(imu.mask, bool)).mean(axis=1) <= 0.1]
     values = np.interp(at, time, power)
     return np.asarray(values - values.mean(axis=1, keepdims=True))
 
@@ -117,7 +87,8 @@ def _thighs_shifted(sensors: Mapping[str, Imu], begins: np.ndarray, ends: np.nda
     left = np.roll(left, len(SHARES) // 2)
     alike = [float(np.roll(right, -shift) @ left) for shift in range(len(SHARES))]
     shift = _wrapped(float(SHARES[int(np.argmax(alike))] - SHARES[0]))
-    return shift if max(alike) > LEAST_CORRELATION and alike[0] < UNLIKE and abs(shift) > SHIFTED else 0.0
+    # chosen: people who limp or run do not reach it
+    return shift if max(alike) > 0.85 and alike[0] < 0.5 and abs(shift) > 0.3 else 0.0
 
 
 def _wrapped(strides: float) -> float:
@@ -147,7 +118,8 @@ def swing_phases(sensors: Mapping[str, Imu]) -> Late:
     if whole.sum() < FEWEST_STRIDES:
         return NONE_LATE
     begins, ends = swings[:-1][whole], swings[1:][whole]
-    closing = np.mean(np.append(lasts[1:] > PAUSES * lasts[:-1], True)[whole]) > MOSTLY
+    # a stride that ends in standing: its last swing only moves the foot beside the other, so that thighs move otherwise
+    closing = np.mean(np.append(lasts[1:] > 1.5 * lasts[:-1], True)[whole]) > 0.5
     phases: dict[str, float] = {}
     all_phases: dict[str, float] = {}
     unsure: set[str] = set()
@@ -155,9 +127,10 @@ def swing_phases(sensors: Mapping[str, Imu]) -> Late:
         side = 0.5 * SIDES.index(name.rpartition("_")[2])
         phase = _phase(sensors[name], begins, ends, OFFSETS[kind_of(name)] + side)
         all_phases[name] = phase.phase
-        if phase.coherence > LEAST_COHERENCE and phase.share > LEAST_SHARE:
+        if phase.coherence > 0.6 and phase.share > 0.08:  # others do not take part
             phases[name] = phase.phase
-            if phase.coherence < SURE or (kind_of(name) == "thigh" and (closing or phase.share < SURE_THIGH)):
+            # the phase may be of the backward swing
+            if phase.coherence < 0.8 or (kind_of(name) == "thigh" and (closing or phase.share < 0.3)):
                 unsure.add(name)
     thighs = [f"thigh_{side}" for side in SIDES]
     later = _thighs_shifted(sensors, begins, ends) if set(thighs) <= set(all_phases) else 0.0
@@ -182,7 +155,8 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> Late:
     names = list(phases)
 
     def away(common: float) -> list[str]:
-        return [name for name in names if abs(_wrapped(phases[name] - common)) > APART]
+        # [strides] half way from a correct to an exchanged sensor
+        return [name for name in names if abs(_wrapped(phases[name] - common)) > 0.25]
 
     sure = [name for name in names if name not in unsure] or names
     common = min(
@@ -206,14 +180,15 @@ def _named(phases: dict[str, float], stride: float, unsure: set[str]) -> Late:
         return [note], frozenset(names)
     notes: list[Note] = []
     clocks = set[str]()
+    # in running both feet swing earlier beside the shanks than in walking
     for kind in OFFSETS:
         pair = {f"{kind}_{side}" for side in SIDES}
-        if pair.issubset(wrong) and all(abs(_wrapped(phases[name] - common)) < RUNS for name in pair):
+        if pair.issubset(wrong) and all(abs(_wrapped(phases[name] - common)) < 0.36 for name in pair):
             wrong = [name for name in wrong if name not in pair]
     for name in sorted(set(wrong) - unsure, key=names.index):
         strides = _wrapped(phases[name] - common)
         direction = "late" if strides > 0.0 else "early"
-        if abs(strides) > EITHER:
+        if abs(strides) > 0.4:  # [strides] strides repeat
             direction = "late or early"
         notes.append(late_clock(name, abs(strides) * stride, direction))
         clocks.add(name)

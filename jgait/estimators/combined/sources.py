@@ -187,15 +187,6 @@ def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]
     return notes
 
 
-ROWS_SHARE = 0.1
-"""[1] Relative standard deviation of a length if rows are missing or written twice. Chosen: with a fiftieth of the
-rows, lengths of recorded walks were off by 4 to 13 %."""
-
-MANY_ROWS = 10
-"""[1] Number of places with missing rows, or of rows written twice, from which on all strides are uncertain; a few
-places of a joined file change no other stride."""
-
-
 def with_time_wrong(
     estimates: list[SourceEstimate], quality: Mapping[str, SensorQuality]
 ) -> tuple[list[SourceEstimate], float, frozenset[str]]:
@@ -210,14 +201,17 @@ def with_time_wrong(
     worn = {
         name for source in estimates if source.estimator in ("foot_ins", "ankle_stride") for name in source.placements
     }
+    # lengths grow with the square of the interval between samples
     off = {
         name: LENGTH_BY_TIME * abs(float(np.log(max(facts.rates_factor, LEAST_FACTOR))))
         for source in estimates for name, facts in source.quality.items() if facts.rates_off
     }  # fmt: skip
-    many = any(max(facts.rows_lost, facts.rows_twice) >= MANY_ROWS for facts in quality.values())
+    # a few places of a joined file change no other stride
+    many = any(max(facts.rows_lost, facts.rows_twice) >= 10 for facts in quality.values())
     if not many and (not off or set(off) != worn):
         return estimates, 0.0, frozenset(off)
-    share = ROWS_SHARE if many else float(np.mean(list(off.values())))
+    # [1] with a fiftieth of the rows, lengths of recorded walks were off by 4 to 13 %
+    share = 0.1 if many else float(np.mean(list(off.values())))
     changed = list(estimates)
     for number, source in enumerate(estimates):
         if source.estimate.strides is not None and not off.keys() & set(source.placements):

@@ -8,7 +8,6 @@ from jaxtyping import PyTree
 
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.plausible import impossible
-from jgait.estimators.sides import durations
 from jgait.estimators.stride_flags import (
     CLIPPED,
     DOUBTFUL,
@@ -22,26 +21,11 @@ from jgait.estimators.stride_flags import (
 from jgait.notes import record
 from jgait.types import SIDES, Estimate, Legs, Strides, as_float
 
-SAME = 0.5
-"""[1] Two strides of a side are the same if the time they share is more than this part of the time they cover."""
-
 SAME_CONTACT = 0.25
 """[s] Contacts of a side, from two sensors, that are closer than this are the same; so are strides that end there."""
 
-ALONE = 0.3
-"""[1] A stride that is not in the first sources is added if it overlaps their strides by less than this part of it."""
-
 CONSISTENT = 3.0
 """[1] Values of a stride are combined if they differ by fewer standard deviations of their difference than this."""
-
-BRIEF = 0.6
-"""[1] A stride that lasts less than this part of the median stride, and is not from or to standing, is wrong."""
-
-LEG_WORN = ("feet", "ankles", "shanks")
-"""Sources whose sensors are on the legs; contacts by a trunk are less certain than theirs."""
-
-SHARED = {frozenset(("ankles", "shanks")): 0.5}
-"""Correlation of the errors of two sources [1]; chosen: ankle and shank are one segment, measured by one method."""
 
 FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid"))
 """Quantities of a stride."""
@@ -121,9 +105,7 @@ def _columns(source: SourceEstimate, doubtful: frozenset[str], wrong: frozenset[
     read = {flag.name: flag.read(estimate) for flag in FLAGS}
     read[UNEVEN_DURATION.name] = estimate.diagnostics.get(UNEVEN_DURATION.name)
     flags = {name: np.asarray(marked, bool) for name, marked in read.items() if marked is not None}
-    lasts = as_float(strides.end) - as_float(strides.start)
-    brief = lasts < BRIEF * np.median(lasts) if len(lasts) else lasts > 0.0
-    doubted = impossible(strides) | (brief & ~flags[HALF.name])
+    doubted = impossible(strides)
     doubted |= np.array([not _trusted(source, name, wrong) for name in SIDES])[side]
     if (stated := DOUBTFUL.read(estimate)) is not None:
         doubted |= stated
@@ -157,9 +139,10 @@ def _matched(columns: list[_Columns], side: int, wrong: frozenset[str]) -> list[
                 for share, (a, b, _) in zip(shared, before, strict=True)
             ]
             best = int(np.argmax(alike)) if alike else -1
-            if best >= 0 and alike[best] > SAME and source.name not in before[best][2]:
+            # [1] of the time that they cover
+            if best >= 0 and alike[best] > 0.5 and source.name not in before[best][2]:
                 before[best][2][source.name] = row
-            elif new and (not alike or max(shared) < ALONE * (end - start)):
+            elif new and (not alike or max(shared) < 0.3 * (end - start)):  # [1] of its time
                 groups.append((start, end, {source.name: row}))
     return [group for *_, group in groups]
 
@@ -224,8 +207,6 @@ def _stride(columns: Mapping[str, _Columns], group: dict[str, int]) -> _JoinedSt
 
 def _table(columns: list[_Columns], groups: list[dict[str, int]], width: SourceEstimate | None) -> JoinedStrides:
     by_name = {each.source.name: each for each in columns}
-    lasts = {name: each.values[:, AT["end"]] - each.values[:, AT["start"]] for name, each in by_name.items()}
-    usual = float(np.median([lasts[name][row] for group in groups for name, row in group.items()]))
     rows = sorted((_stride(by_name, group) for group in groups), key=lambda stride: stride.values[AT["start"]])
     side = np.array([stride.side for stride in rows], int)
     values, spread = (dict(zip(FIELDS, np.array([getattr(stride, part) for stride in rows]).T, strict=True))
@@ -241,7 +222,6 @@ def _table(columns: list[_Columns], groups: list[dict[str, int]], width: SourceE
     for flag in (STAIRS, HALF, UNEVEN_DURATION):  # as every table reads them
         if (marked := flag.read(whole)) is not None:
             flags[flag.name] = np.asarray(marked, bool)
-    flags[UNEVEN_DURATION.name] |= ~flags[HALF.name] & (durations(strides) < BRIEF * usual)
     return JoinedStrides(
         strides, deviations,
         {name: np.array([stride.group.get(name, -1) for stride in rows], int) for name in by_name},
@@ -251,9 +231,10 @@ def _table(columns: list[_Columns], groups: list[dict[str, int]], width: SourceE
 
 
 def correlation(names: Iterable[str]) -> np.ndarray:
-    """(k, k) correlation of the errors of sources, see `SHARED`."""
+    """(k, k) correlation of the errors of sources; ankle and shank are one segment, measured by one method."""
     known = list(names)
-    return np.array([[1.0 if a == b else SHARED.get(frozenset((a, b)), 0.0) for b in known] for a in known])
+    shared = {frozenset(("ankles", "shanks")): 0.5}
+    return np.array([[1.0 if a == b else shared.get(frozenset((a, b)), 0.0) for b in known] for a in known])
 
 
 def combined(

@@ -76,8 +76,6 @@ def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
     assert found.strides.used["feet"][right].sum() > 0.5 * right.sum()
     assert set(np.array(found.strides.first)[right]) == {"waist"}  # whose times do not depend on these clocks
     assert errors(found.estimate.strides, truth).mean() < 0.02
-    (named,) = of_code(found.notes, "measured_by_waist")
-    assert named.values["side"] == "right" and "foot_right" in str(named) and "feet" in named.values["sources"]
 
 
 def test_the_same_strides_are_regular_in_every_table_and_others_have_a_reason(data):
@@ -275,13 +273,9 @@ def test_exchanged_feet_contradict_the_waist(walked):
     assert "waist and feet say the opposite" in str(note)
 
 
-def test_a_shoe_beside_the_waist_is_noted_and_the_lengths_are_its_own(walked, analysis):
+def test_the_lengths_of_a_shoe_beside_the_waist_are_its_own(walked):
     recording = only(walked[0], "pelvis", "foot_right")
     found = jgait.analyse(recording, {"height": PERSON["height"]})
-    (note,) = of_code(found.notes, "measured_by_waist")
-    assert (note.values["side"], note.values["other"], note.values["source"]) == ("left", "right", "feet")
-    both = jgait.analyse(only(walked[0], "pelvis", *FEET), PERSON)
-    assert not {"measured_by_waist"} & {*codes(both.notes), *codes(analysis.notes)}
     length = stride_length_in(found)
     assert length["mean"] == length["right"] and np.isnan(length["left"])
     length = stride_length_in(jgait.analyse(recording, PERSON))  # of a known pendulum, the waist's count as well
