@@ -22,7 +22,7 @@ from jgait.estimators import waist
 from jgait.estimators.interface import pad
 from jgait.estimators.waist import motion
 from jgait.events import trunk
-from jgait.events.trunk_soft import SOFT, Soft, cues, located
+from jgait.events.trunk import SOFT, Soft, cues, located
 
 SET = "ipol_gait"
 SPLIT = "ipol_gait, people left out, from settings that know none of them"
@@ -57,7 +57,7 @@ class Contacts(NamedTuple):
     """A walk's contacts that were found: cues (T, 3), and for each contact its coarse instant and true time (n,).
 
     Attributes:
-        cues: of the detector, see `trunk_soft.cues`.
+        cues: of the detector, see `trunk.cues`.
         coarse, true: (n,) [s] from the first sample.
         frequency: (n,) of steps [Hz].
         known: (n,) bool, False for padding.

@@ -5,49 +5,28 @@
 "pendulum": the pendulum's steps alone.
 """
 
+import math
 from typing import Any
 
 import jax.numpy as jnp
-from jax import lax
-from jax.typing import ArrayLike
 
 from jgait.estimators.waist import motion, readout, steps
 from jgait.estimators.waist.estimator import stated
-from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import DEFAULT, WaistParams
-from jgait.estimators.waist.velocity_update import Covered, VelocityUpdateParams, covered, listed, sampled
+from jgait.estimators.waist.velocity_update import INITIAL, Covered, VelocityUpdateParams, updated
 from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
 from jgait.types import Estimate
 
 
-def frozen(
-    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None,
-) -> Covered:  # fmt: skip
-    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike of its bout.
-
-    Arguments, result and errors as of `updated`; `updated` is False everywhere.
-    """
-    seen = sampled(acc, cycles, dt, start, mask, known)
-    begun = seen.begin[lax.cummax(jnp.where(seen.anew, jnp.arange(seen.anew.shape[0]), 0))]
-    return covered(p, seen, begun, jnp.ones_like(begun), optimum=optimum)
+def frozen(p: VelocityUpdateParams, *arguments: Any, **settings: Any) -> Covered:
+    """OFDRI without the update: every cycle begins and ends with the velocity at the first heel strike of its bout."""
+    return updated(p._replace(threshold=math.inf), *arguments, **settings, initial=1)
 
 
-def integrated(
-    p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    mask: ArrayLike | None = None, known: ArrayLike | None = None,
-) -> Covered:  # fmt: skip
-    """OFI over each bout, without a restart of its filter in the bout; cycles only define where lengths are read.
-
-    Arguments, result and errors as of `updated`; `updated` is True for every cycle.
-    """
-    del p
-    seen = sampled(acc, cycles, dt, start, mask, known)
-    left = jnp.where(seen.given[:-1], seen.start[1:] - jnp.diff(seen.total), seen.start[:-1])
-    begun = jnp.append(left, seen.start[-1])[cycles.begin]
-    covered_by = listed(seen, seen.start, left, begun, jnp.zeros_like(begun))
-    return covered_by._replace(change=jnp.where(covered_by.valid, seen.start[cycles.end] - begun, 0.0))
+def integrated(p: VelocityUpdateParams, *arguments: Any, **settings: Any) -> Covered:
+    """OFI over each bout; cycles only define where lengths are read."""
+    return updated(p._replace(threshold=0.0), *arguments, **settings)
 
 
 def by_pendulum(p: WaistParams, inputs: Any, intervals: steps.Intervals) -> readout.WaistWalk:
@@ -73,6 +52,8 @@ def by_pendulum(p: WaistParams, inputs: Any, intervals: steps.Intervals) -> read
 
 
 WAYS = {"frozen": frozen, "integrated": integrated}
+THRESHOLDS = {"frozen": (math.inf, 1), "integrated": (0.0, INITIAL)}
+"""Way → threshold of the update [m/s], and the number of heel strikes by OFI."""
 
 
 def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:
@@ -81,7 +62,9 @@ def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:
     found = steps.intervals(p, inputs, seen)
     if kind == "pendulum":
         return stated(inputs, seen, found, by_pendulum(p, inputs, found))
-    speed, held = readout.integrated_speed(p, inputs, seen, found, WAYS[kind])
+    threshold, initial = THRESHOLDS[kind]
+    gated = p._replace(update=p.update._replace(threshold=threshold))
+    speed, held = readout.integrated_speed(gated, inputs, seen, found, initial)
     # at the first contact the person is still setting off, and that speed is held
     known = inputs.stood & (kind != "frozen")
     held = jnp.ones_like(held) if kind == "frozen" else jnp.zeros_like(held)

@@ -20,7 +20,7 @@ from experiments.common.row import Row
 from experiments.kose2011.walks import Windows, of_set
 from jgait import params, simulate, tune
 from jgait.estimators.foot_ins import FootParams
-from jgait.events.trunk_soft import Soft
+from jgait.events.trunk import Soft
 from jgait.geometry.segments import in_world
 from jgait.simulate import Person, Route, Truth
 from jgait.simulate.population import paced

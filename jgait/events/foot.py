@@ -16,10 +16,11 @@ without the direction of gravity; under Vicon it is right to some cm/s. The sens
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from jgait.events import rest
 from jgait.geometry.rotation import integrated
-from jgait.signal.windows import held_mean, held_spread
+from jgait.signal.windows import held_mean
 from jgait.types import AnyArray
 
 WINDOW = 0.1
@@ -40,9 +41,6 @@ STILL = 0.8
 ABOVE = 1.5
 """[1] A stance ends where the rate exceeds `STILL` and this multiple of the rate in its valley."""
 
-JOLT = 5.0
-"""[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s."""
-
 SHORTEST_STRIDE_S = 0.45
 """[s] Shortest time from one stance to the next; a run has 0.65."""
 
@@ -50,50 +48,23 @@ WORSE = 3.0
 """[1] Largest ratio of the rate of a first or last stance to that of its neighbour; above it, the recording cuts a
 swing there."""
 
-MOVES, MOVES_SHARE = 0.05, 0.04
-"""[m/s], [1] Scale of the velocity v of a foot in stance, and its increase with the largest velocity between the rests
-beside it."""
+TAIL, WRONG, RESTLESS, RESTLESS_RAD_PER_M = 3.0, 3e-4, 2.5, 3.0
+"""[1], [1], [1], [rad/m] The likelihood of the velocity in stance over that in swing is (1 + (v / scale)² / 4) to the
+power −`TAIL`, the tail of Student's t, plus `WRONG`. That of the `unrest` is the power −`RESTLESS` of its ratio to
+`RESTLESS_RAD_PER_M` times the largest velocity. Learned from 1248 valleys of `footprints`, `pyshoe_vicon`,
+`neura_sparse`, `gaitmap_example` and two simulated walks: 203 lie in a swing by Vicon or by the swings beside, and all
+are on the right side. Beside the marks of `ipol_gait`, which were seen then, 2 of 1290 swings have a stance, and 6
+stances are missed."""
 
-TAIL, WRONG, WRONG_IF_LOST, RESTLESS, RESTLESS_RAD_PER_M = 3.0, 3e-4, 7e-3, 2.5, 3.0
-"""[1], [1], [1], [1], [rad/m] The likelihood of the velocity in stance over that in swing is (1 + (v / scale)² / 4) to
-the power −`TAIL`, the tail of Student's t, plus `WRONG`, or `WRONG_IF_LOST` if samples between the rests are lost. That
-of the `unrest` is the power −`RESTLESS` of its ratio to `RESTLESS_RAD_PER_M` times the largest velocity. Learned from
-1248 valleys of `footprints`, `pyshoe_vicon`, `neura_sparse`, `gaitmap_example` and two simulated walks: 203 lie in a
-swing by Vicon or by the swings beside, and all are on the right side. Beside the marks of `ipol_gait`, seen when
-`MOVES` and `TAIL` were chosen, 2 of 1290 swings have a stance, and 6 stances are missed."""
-
-LEAST_UNREST, SLOWEST = 0.05, 0.1
-"""[rad/s] A lower unrest counts as this one. [m/s] Added to the largest velocity: a foot may rock on the spot."""
-
-REST_S = 1.6
-"""[s] A stance beside is at rest at its sample that is nearest to `stillest`, and less than this away if possible."""
-
-LONGEST_S = 4.0
-"""[s] Longest time between the rests beside a valley; in a longer one the velocity is not known."""
-
-SETTLED, SETTLES_S, CALMER = 0.3, 0.35, 10.0
+SETTLED, SETTLES_S = 0.3, 0.35
 """A foot that comes down flat and softly still moves without turning. Its stance begins later, by at most `SETTLES_S`
-[s], where `unrest` exceeds `SETTLED` [rad/s] and `CALMER` [1] times the unrest that follows."""
+[s], where `unrest` exceeds `SETTLED` [rad/s] and ten times the unrest that follows."""
 
-SLOW, SLOW_SWING, SLOW_STILL, SLOW_REST, SLOW_EDGE = 1.5, 0.25, 0.15, 0.4, 0.1
-"""Limits of slow steps, in which a foot never turns as fast as `SWING`. Where no swing is found for longer than `SLOW`
-[s], `unrest` above `SLOW_SWING` [rad/s] between two rests is a swing. In a rest, `unrest` is below `SLOW_STILL` [rad/s]
-for at least `SLOW_REST` [s], longer than in the middle of a swing. The stance is the rest without `SLOW_EDGE` [s] at
-either end.
-"""
+SLOW_STILL = 0.15
+"""[rad/s] Largest `unrest` in a rest between slow steps, in which a foot never turns as fast as `SWING`."""
 
 LANDED = 0.1
 """[1] Share of its peak in late swing by which the pitch of the foot has fallen at initial contact."""
-
-FLAT_S, LANDS_S = 0.03, 0.18
-"""[s] Least time from an initial contact to the stance: the foot comes to lie flat in between. [s] The time that is
-assumed if the pitch shows no contact, from the reference of `ipol_gait`."""
-
-CONTACT_SEARCH_S = 0.25
-"""[s] Contacts are searched from this time before the end of a stance to this time after the start of the next."""
-
-STILLEST, UNDECIDED = 1e-3, 1e-3
-"""[rad/s], [1] Least statistic and least size of a margin, see `margin`."""
 
 EROSION = (0.06, 0.02)
 """[s] Time removed from start and end of a stance. Without it footholds are 5 mm too high: the foot still sinks."""
@@ -119,14 +90,11 @@ def _window(sampling_rate_hz: float) -> int:
 
 
 def unrest(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> np.ndarray:
-    """√(ω² + (σ_f / `JOLT`)²) (T,) [rad/s]: the rate, and the spread of the specific force, over a centred window."""
-    return np.hypot(moving_rate(gyr, sampling_rate_hz), held_spread(acc, _window(sampling_rate_hz)) / JOLT)
+    """(T,) [rad/s], see `rest.unrest`; over `WINDOW`."""
+    return rest.unrest(gyr, acc, _window(sampling_rate_hz))
 
 
-def stances(
-    gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float,
-    lost: Bool[AnyArray, "time"] | None = None,
-) -> Stances:  # fmt: skip
+def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], sampling_rate_hz: float) -> Stances:
     """The stances of a foot, at any speed of gait; empty if the foot never moves enough, or never comes to rest.
 
     A stance extends from its valley to where the rate exceeds `STILL` and `ABOVE` times the rate of the valley, less
@@ -136,7 +104,6 @@ def stances(
         gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
         acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
         sampling_rate_hz: rate of the samples [Hz].
-        lost: (T,) samples whose signals are interpolated over a long loss.
     """
     rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _valleys(rate, SWING, STANCE)
@@ -153,40 +120,35 @@ def stances(
         middle = first + int(np.argmin(restless[first : last + 1]))
         first, last = _around(restless, middle, (first, last + 1), max(STILL, ABOVE * restless[middle]))
         soft = restless[first : min(first + round(SETTLES_S * sampling_rate_hz), middle)] > max(
-            SETTLED, CALMER * restless[middle]
+            SETTLED, 10.0 * restless[middle]
         )
         first += int(np.flatnonzero(soft)[-1]) + 1 if first > 0 and soft.any() else 0
         rows.append((first, last + 1, middle))
     places = np.array(rows, int).reshape(-1, 3)
     force = integrated(gyr, acc, sampling_rate_hz)[1]
-    lost_so_far = np.cumsum(np.zeros(len(rate)) if lost is None else lost)
-    while (moves := _moving(places, restless, force, lost_so_far, sampling_rate_hz)).any():
+    while (moves := _moving(places, restless, force, sampling_rate_hz)).any():
         places = places[~moves]
     start, end, stillest = _apart(places, rate, sampling_rate_hz).T
     return Stances(start, end, stillest, rate[stillest])
 
 
-def _moving(
-    rows: np.ndarray, restless: np.ndarray, force: np.ndarray, lost_so_far: np.ndarray, sampling_rate_hz: float
-) -> np.ndarray:
+def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     """(n,) bool, stances (start, end, stillest) in which the foot moves, and that are more restless than moving ones
-    beside them, whose velocity follows from these.
-
-    `force` is the integral of the specific force (T, 3) [m/s], `lost_so_far` the number of lost samples (T,).
+    beside them, whose velocity follows from these. `force` is the integral of the specific force (T, 3) [m/s].
     """
-    unrest_if_moving, reach = np.zeros(len(rows) + 2), round(REST_S * sampling_rate_hz)
+    # a stance beside is at rest at its sample that is nearest to `stillest`, and less than 1.6 s away if possible
+    unrest_if_moving, reach = np.zeros(len(rows) + 2), round(1.6 * sampling_rate_hz)
     for k, ((_, left, before), (_, _, at), (enters, _, after)) in enumerate(
         zip(rows, rows[1:], rows[2:], strict=False)
     ):
         a, b = max(before, min(at - reach, left - 1)), min(after, max(at + reach, enters))
-        if b - a > LONGEST_S * sampling_rate_hz:
+        if b - a > 4.0 * sampling_rate_hz:  # the velocity is not known
             continue
         velocity = force[a : b + 1] - force[a] - np.linspace(0.0, 1.0, b - a + 1)[:, None] * (force[b] - force[a])
         speed = np.linalg.norm(velocity, axis=1)
-        scale = np.hypot(MOVES, MOVES_SHARE * speed.max())
-        turns = np.clip(restless[at], LEAST_UNREST, STANCE) / (RESTLESS_RAD_PER_M * (speed.max() + SLOWEST))
-        wrong = WRONG_IF_LOST if lost_so_far[b] > lost_so_far[a] else WRONG
-        stands = (1.0 + 0.25 * (speed[at - a] / scale) ** 2) ** -TAIL + wrong
+        scale = np.hypot(0.05, 0.04 * speed.max())  # [m/s], [1]
+        turns = np.clip(restless[at], 0.05, STANCE) / (RESTLESS_RAD_PER_M * (speed.max() + 0.1))
+        stands = (1.0 + 0.25 * (speed[at - a] / scale) ** 2) ** -TAIL + WRONG
         if RESTLESS * np.log(turns) > np.log(stands):
             unrest_if_moving[k + 2] = restless[at]
     here = unrest_if_moving[1:-1]
@@ -220,16 +182,18 @@ def _between_swings(rate: np.ndarray, first: int, at: int, end: int) -> tuple[in
 
 
 def _slow(restless: np.ndarray, stretch: tuple[int, int], sampling_rate_hz: float) -> list[tuple[int, int, int]]:
-    """Start, end and stillest sample of the stances of a foot that moves slowly, see `SLOW`; none if it does not."""
+    """Start, end and stillest sample of the stances of a foot that moves slowly, see `SLOW_STILL`; none if it does
+    not.
+    """
     first, end = stretch
-    if end - first <= SLOW * sampling_rate_hz:
+    if end - first <= 1.5 * sampling_rate_hz:
         return []
-    part, rows, edge = restless[first:end], [], round(SLOW_EDGE * sampling_rate_hz)
-    valleys = _valleys(part, SLOW_SWING, SLOW_STILL)
+    part, rows, edge = restless[first:end], [], round(0.1 * sampling_rate_hz)
+    valleys = _valleys(part, 0.25, SLOW_STILL)
     borders = np.concatenate([[-1], valleys, [len(part)]])
     for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
         begins, last = _around(part, at, (before + 1, after), SLOW_STILL)
-        if last - begins < SLOW_REST * sampling_rate_hz:
+        if last - begins < 0.4 * sampling_rate_hz:  # longer than in the middle of a swing
             continue
         start = first + begins + (edge if first + begins > 0 else 0)
         stop = first + last + 1 - (edge if first + last + 1 < len(restless) else 0)
@@ -284,8 +248,8 @@ def margin(
     middles = 0.5 * (stances.stillest[1:] + stances.stillest[:-1])
     limits = np.maximum(STILL, ABOVE * restless[stances.stillest])
     limit = limits[np.searchsorted(middles, np.arange(len(gyr)))]
-    stands, margins = inside(stances, len(gyr)), np.log(limit / np.maximum(restless, STILLEST))
-    return np.where(stands, np.maximum(margins, UNDECIDED), np.minimum(margins, -UNDECIDED))
+    stands, margins = inside(stances, len(gyr)), np.log(limit / np.maximum(restless, 1e-3))
+    return np.where(stands, np.maximum(margins, 1e-3), np.minimum(margins, -1e-3))
 
 
 def contacts(
@@ -295,10 +259,9 @@ def contacts(
     next.
 
     At the final contact the foot is pitched down most, after the heel has risen. At the initial contact the pitch has
-    fallen by `LANDED` from its peak in late swing, when the toes are highest, and the foot does not lie flat yet, see
-    `FLAT_S`; accelerations are not used, because a soft landing has no larger acceleration than a swing. Pitch is the
-    integral of the angular rate (T, 3) without bias [rad/s] about the main axis of rotation of the foot, so the sensor
-    may be mounted in any orientation.
+    fallen by `LANDED` from its peak in late swing, when the toes are highest, and the foot does not lie flat yet;
+    accelerations are not used, because a soft landing has no larger acceleration than a swing. Pitch is the integral of
+    the angular rate (T, 3) without bias [rad/s] about the foot's main axis of rotation, however the sensor is mounted.
     """
     gyr = np.asarray(gyr, np.float64)
     count = max(len(stances.stillest) - 1, 0)
@@ -308,7 +271,7 @@ def contacts(
     swinging = ~inside(stances, len(gyr))
     axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
     about = gyr @ axis
-    reach = int(CONTACT_SEARCH_S * sampling_rate_hz)
+    reach = int(0.25 * sampling_rate_hz)
     for k in range(count):
         a = max(stances.stillest[k], stances.end[k] - reach)
         b = min(stances.stillest[k + 1], stances.start[k + 1] + reach)
@@ -318,6 +281,6 @@ def contacts(
         lower = np.flatnonzero(pitch[up:] / pitch[up] < 1.0 - LANDED) if pitch[up] else np.zeros(0, int)
         final[k] = a + down
         initial[k] = min(a + up + (lower[0] if lower.size else 0), b - 1)
-        if initial[k] > stances.start[k + 1] - FLAT_S * sampling_rate_hz:
-            initial[k] = max(stances.start[k + 1] - round(LANDS_S * sampling_rate_hz), final[k])
+        if initial[k] > stances.start[k + 1] - 0.03 * sampling_rate_hz:
+            initial[k] = max(stances.start[k + 1] - round(0.18 * sampling_rate_hz), final[k])  # as in `ipol_gait`
     return final, initial

@@ -18,10 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jgait.events.rest import JOLT, unrest
 from jgait.geometry.rotation import integrated
 from jgait.geometry.rotation import rows as matrix_rows
 from jgait.geometry.vectors import GRAVITY, as_array
-from jgait.signal.windows import held_mean, held_spread, over_losses, window_maximum, window_size
+from jgait.signal.windows import held_mean, over_losses, window_maximum, window_size
 from jgait.types import Imu, Recording, as_float
 
 KINDS = {
@@ -36,29 +37,24 @@ STEP_S, GRID_S, WINDOW_S = 0.05, 0.25, 3.2
 LEVERS = {"foot": 0.05, "ankle": 0.1, "shank": 0.3}
 """[m] Usual height of a sensor over the point about which the segment turns while its foot stands."""
 
-TRUNK = ("lower_back", "pelvis", "waist")
-"""Placements whose evidence is that of a trunk."""
+CALM_S = 0.1
+"""[s] Window of the unrest of a sensor on a leg. It has a third part here, the difference of the specific force's size
+from gravity."""
 
-CALM_S, JOLT = 0.1, 5.0
-"""[s] Window of the unrest √(ω² + (Δf / `JOLT`)²) of a sensor, with the spread Δf of its specific force; [m/s²]. The
-unrest of legs in movement has a third part, the difference of the specific force's size from gravity."""
+AROUND_S, BETWEEN_S = 0.9, 0.25
+"""[s] A foot stands where the unrest is least within `BETWEEN_S`, and small beside the largest within `AROUND_S`."""
 
-STANDS, CALM, AROUND_S, BETWEEN_S, STRIDE_S = 0.28, 0.6, 0.9, 0.25, 3.0
-"""A foot stands where the unrest is least within `BETWEEN_S` [s], and below `CALM` [rad/s] or `STANDS` [1] times the
-largest unrest within `AROUND_S` [s]. After `STRIDE_S` [s] without standing no distance is known."""
+QUIET_S = 0.4
+"""[s] A sensor is at rest if its unrest is small for so long; that of a trunk, which moves less, is over as long a
+window."""
 
-QUIET, QUIET_TRUNK, QUIET_S = 0.35, 0.12, 0.4
-"""[rad/s] Unrest below which a leg's sensor, and one on the trunk, is at rest if it is so for `QUIET_S` [s]; that of a
-trunk, which moves less, is over as long a window."""
+UPHELD = 0.5 * GRAVITY
+"""[m/s²] Size of the mean force, in axes that do not turn, below which the gyroscope contradicts the accelerometer, so
+that a window is no evidence."""
 
-MOVES, SHAKES, LOST, UPHELD = 0.4, 0.02, 0.1, 0.5 * GRAVITY
-"""[rad/s], [m²/s⁴] Largest unrest of a leg, and power of the trunk's acceleration, below which a window is no evidence;
-and [1] share of lost samples above which it is none either. [m/s²] Size of the mean force, in axes that do not turn,
-below which the gyroscope contradicts the accelerometer, so that it is none."""
-
-CARRIED, CARRIED_S = 0.3, 1.0
-"""[m/s²] Change of the mean force within `CARRIED_S` [s], beyond what the trunk turns, above which a person at rest is
-carried, as by a treadmill's belt that starts: standing sways less."""
+CARRIED_S = 1.0
+"""[s] Time within which the mean force changes more than the turn explains, of a person at rest who is carried, as by a
+treadmill's belt that starts."""
 
 CHANGE, TEMPER = 0.08, 0.15
 """[1] Probability that a movement ends within `GRID_S`, and weight of the evidence of one window beside others, which
@@ -95,9 +91,6 @@ EVIDENCE = {
 | `heave`, `level` | logarithm of the vertical acceleration, and of the power of the horizontal one over its power |
 | `spin` | logarithm of the angular rate |
 """
-
-QUARTER = np.deg2rad(103.0)
-"""[rad] Usual phase of the forward before the upward acceleration, median of `ipol_gait`."""
 
 
 class Activity(NamedTuple):
@@ -138,15 +131,15 @@ def movement(recording: Recording) -> Activity | None:
             continue
         gyr, acc = (over_losses(np.arange(len(measured)), values, measured) for values in (imu.gyr, imu.acc))
         imu = imu._replace(gyr=gyr, acc=acc)
-        limit, wide = (QUIET_TRUNK, QUIET_S) if segment == "trunk" else (QUIET, CALM_S)
-        restless = np.where(_lost(measured, QUIET_S, rate) > 0.5, np.inf, unrest(gyr, acc, rate, wide))
+        limit, wide = (0.12, QUIET_S) if segment == "trunk" else (0.35, CALM_S)
+        restless = np.where(_lost(measured, QUIET_S, rate) > 0.5, np.inf, unrest(gyr, acc, window_size(wide, rate)))
         around = np.minimum(window_maximum(restless, window_size(QUIET_S, rate)), 1e3)
         quiet &= np.interp(time, as_float(imu.time), around) < limit
         if segment:
             carried &= np.interp(time, as_float(imu.time), _carried(imu, around < limit, rate)) > 0.5
             at, odds = of_sensor(placement, imu, rate)
             lost = np.interp(at, as_float(imu.time) - imu.time[0], _lost(measured, WINDOW_S, rate))
-            grids.append((at + float(imu.time[0]), np.where((lost > LOST)[:, None], 0.0, odds)))
+            grids.append((at + float(imu.time[0]), np.where((lost > 0.1)[:, None], 0.0, odds)))
     if not grids:
         return None
     at = np.arange(begin, end, GRID_S)
@@ -172,7 +165,8 @@ def _carried(imu: Imu, quiet: np.ndarray, rate: float) -> np.ndarray:
     turned = np.cumsum(gyr - np.median(gyr[quiet], axis=0), axis=0) / rate
     change = force[lag:] - force[:-lag] + np.cross(turned[lag:] - turned[:-lag], force[lag:])
     calm = held_mean(quiet.astype(np.float64), 2 * (lag // 2) + 1) > 1.0 - 1e-9
-    far = 1.0 * ((np.linalg.norm(change, axis=1) > CARRIED) & calm[lag // 2 : lag // 2 + len(change)])
+    # [m/s²] standing sways less
+    far = 1.0 * ((np.linalg.norm(change, axis=1) > 0.3) & calm[lag // 2 : lag // 2 + len(change)])
     return np.asarray(window_maximum(np.pad(far, (lag // 2, lag - lag // 2)), window_size(QUIET_S, rate)) > 0.5)
 
 
@@ -189,7 +183,13 @@ def _readable(imu: Imu) -> bool:
 
 def segment_of(placement: str) -> str:
     """The kind of evidence of a sensor, a key of `EVIDENCE`; "" if it gives none."""
-    return "leg" if placement.partition("_")[0] in LEVERS else "trunk" if placement in TRUNK else ""
+    return (
+        "leg"
+        if placement.partition("_")[0] in LEVERS
+        else "trunk"
+        if placement in ("lower_back", "pelvis", "waist")
+        else ""
+    )
 
 
 def of_sensor(placement: str, imu: Imu, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -218,13 +218,6 @@ def smoothed(odds: np.ndarray) -> np.ndarray:
     return np.asarray(chance / chance.sum(axis=1, keepdims=True))
 
 
-def unrest(gyr: np.ndarray, acc: np.ndarray, rate: float, seconds: float = CALM_S) -> np.ndarray:
-    """(T,) [rad/s], see `CALM_S`; over a window of `seconds`."""
-    size = window_size(seconds, rate)
-    power = held_mean((gyr**2).sum(axis=1), size)
-    return np.hypot(np.sqrt(np.maximum(power, 0.0)), held_spread(acc, size) / JOLT)
-
-
 def attitudes(gyr: np.ndarray, acc: np.ndarray, rate: float) -> np.ndarray:
     """(T, 3, 3) rotations to the axes of the first sample."""
     return np.stack([as_array(row) for row in matrix_rows(integrated(gyr, acc, rate)[0])], axis=1)
@@ -235,7 +228,7 @@ def standing_instants(restless: np.ndarray, rate: float) -> np.ndarray:
     near = window_size(2.0 * BETWEEN_S, rate)
     most = window_maximum(restless, window_size(2.0 * AROUND_S, rate))
     least = -window_maximum(-restless, near)
-    at = np.flatnonzero((restless <= least) & (restless < np.maximum(STANDS * most, CALM)))
+    at = np.flatnonzero((restless <= least) & (restless < np.maximum(0.28 * most, 0.6)))
     return at[np.diff(at, prepend=-near) > near // 2]
 
 
@@ -252,7 +245,7 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     gyr, acc = as_float(imu.gyr), as_float(imu.acc)
     samples, calm = len(gyr), window_size(CALM_S, rate)
     accelerated = held_mean(np.linalg.norm(acc, axis=1) - GRAVITY, calm)
-    restless = np.hypot(unrest(gyr, acc, rate), accelerated / JOLT)
+    restless = np.hypot(unrest(gyr, acc, calm), accelerated / JOLT)
     at = standing_instants(restless, rate)
     turns = attitudes(gyr, acc, rate)
     force, spin = (np.einsum("tij,tj->ti", turns, values) for values in (acc, gyr))
@@ -269,7 +262,7 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     gained = (sums[:-1] - sums[edges[:-1]][cycle] - mean[cycle] * since) / rate
     step = (start[:-1][cycle] + gained + (start[1:] - start[:-1])[cycle] * since / lasts[cycle][:, None]) / rate
     along = np.sum(step * vertical, axis=1, keepdims=True)
-    known = (lasts[cycle] < STRIDE_S * rate)[:, None]
+    known = (lasts[cycle] < 3.0 * rate)[:, None]  # [s] after it no distance is known
     columns = [known * (step - along * vertical), np.linalg.norm(step, axis=1), np.sum(spin * vertical, axis=1) / rate]
     stood = np.zeros(samples)
     stood[at] = 1.0
@@ -289,7 +282,7 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
         "calm": np.log(np.clip(calmest, 3e-3, 1.0)), "unrest": np.log(most), "path": np.log(path + 0.1),
         "skew": np.linalg.norm(change[:, 9:], axis=1) / np.maximum(cubed, 1e-9),
         "pull": np.log(np.clip(pulls / np.maximum(count, 1.0), 0.03, 1.0)),
-    }, (most > MOVES) & upheld  # fmt: skip
+    }, (most > 0.4) & upheld  # fmt: skip
 
 
 def of_trunk(imu: Imu, rate: float) -> Evidence:
@@ -323,15 +316,17 @@ def of_trunk(imu: Imu, rate: float) -> Evidence:
         whole, level = power[wide].sum() + 1e-12, (every_power - power)[wide].sum()
         lean = np.arccos(np.clip(slow[window] @ (slow[window].mean(axis=0)), -1.0, 1.0)).max()
         scale = 0.25 / len(taper) / np.sum(taper**2)
+        # [rad] median phase of `ipol_gait`
         columns.append([
-            abs(surge), np.cos(np.angle(surge) - QUARTER), power[band | twice].sum() / whole, lean,
+            abs(surge), np.cos(np.angle(surge) - np.deg2rad(103.0)), power[band | twice].sum() / whole, lean,
             every_power[below].sum() / whole, whole * scale, level / whole,
             np.sqrt(np.mean(np.sum(gyr[window] ** 2, axis=1))), (whole + level) * scale * (mean @ up > UPHELD),
         ])  # fmt: skip
     surge, quarter, rhythm, lean, slowly, heave, level, spin, power = np.array(columns).reshape(-1, 9).T
+    # [m²/s⁴]
     return grid / hz, {
         "surge": np.log(np.clip(surge, 0.03, 0.8)), "quarter": quarter, "rhythm": rhythm,
         "lean": np.log(np.clip(lean, 0.1, 1.0)), "slow": np.log(np.clip(slowly, 0.2, 20.0)),
         "heave": 0.5 * np.log(np.clip(heave, 3e-3, 20.0)), "level": np.log(np.clip(level, 0.03, 1.2)),
         "spin": np.log(np.clip(spin, 0.03, 0.5)),
-    }, power > SHAKES  # fmt: skip
+    }, power > 0.02  # fmt: skip

@@ -15,16 +15,6 @@ from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.signal.windows import held_mean, held_spread, true_runs, window_maximum, window_size, window_sum
 from jgait.types import AnyArray, Imu, as_float
 
-STILL_RATE = 0.2
-"""[rad/s] Threshold on the root mean square rate of a standing segment: the swing of a leg reaches 3 to 7 rad/s, the
-stance of a shank 0.5 to 1.5 rad/s, and a standing leg with its gyroscope bias stays under 0.1 rad/s."""
-
-STILL_WINDOW_S = 0.5
-"""[s] Window of that root mean square: longer than the quiet part of a stance phase."""
-
-LEGS_LOST_S = 0.25
-"""[s] Longest loss of samples in which a person still stands, if they stand before and after."""
-
 LEGS_RATE = 0.25
 """[rad/s] Threshold on the fastest leg gyroscope while a person stands; twice as much is accepted if nothing is slower,
 and a note of the estimator names the leg that moves."""
@@ -35,30 +25,14 @@ LEGS_WINDOW_S = 0.25
 LEGS_SHORTEST_S = 0.5
 """[s] Shortest standing that can calibrate a leg."""
 
-QUIET_WINDOW = 0.5
-"""[s] Window of the spread of the rate of a foot."""
+JOLT = 5.0
+"""[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s in `unrest`."""
 
-QUIET = 1.5
-"""[1] A window rests if its spread is at most this many times the smallest spread of the recording."""
-
-RESTLESS = 0.1
-"""[rad/s] If the smallest spread is larger, the sensor never rests."""
-
-TRUNK_WINDOW_S = 0.5
-"""[s] Window of the spread of the trunk's signals."""
-
-TRUNK_RATE, TRUNK_FORCE = 0.12, 0.25
+TRUNK_RATE = 0.12
 """[rad/s], [m/s²] Thresholds on the spread of the trunk's angular rate and specific force while a person stands."""
-
-NOISY = 0.125
-"""[m/s²] Noise of an accelerometer from sample to sample above which the noise is subtracted from the trunk's movement.
-Trunks at rest have 0.05; only accelerometers with a range of 200 g have more."""
 
 LEAST_REST_S = 2.0
 """[s] Shortest rest from which the bias of the trunk's gyroscope is computed; a shorter rest gives a worse bias."""
-
-BIAS_KNOWN = 0.06
-"""[rad/s] Largest expected bias of a gyroscope; a larger mean rate means that the trunk turns."""
 
 BRIDGED_S = 0.1
 """[s] Longest loss of samples that does not end a rest."""
@@ -81,6 +55,14 @@ NEVER_STILL = Kind(
 )
 
 
+def unrest(gyr: AnyArray, acc: AnyArray, size: int) -> np.ndarray:
+    """√(ω² + (σ_f / `JOLT`)²) (T,) [rad/s]: root mean square of the rate, and spread of the specific force, over a
+    centred window of an odd number of samples.
+    """
+    power = held_mean((np.asarray(gyr, np.float64) ** 2).sum(axis=1), size)
+    return np.hypot(np.sqrt(np.maximum(power, 0.0)), held_spread(acc, size) / JOLT)
+
+
 def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
     """The rests of a sensor, its gyroscope bias and its specific force at rest.
 
@@ -88,18 +70,18 @@ def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: f
     because a bias shifts the rate itself. The error of a window's mean rate is the undetected turn of the sensor over
     the window's length; so windows weigh as length².
     """
-    size = 2 * int(QUIET_WINDOW * sampling_rate_hz / 2) + 1
+    size = 2 * int(0.5 * sampling_rate_hz / 2) + 1  # [s]
     if len(gyr) <= size:
         return Rest([], np.zeros(3), 0.0, 0.0)
     half = size // 2
     full = slice(half, len(gyr) - half)
     spread, there = held_spread(gyr, size)[full], held_mean(mask.astype(np.float64), size)[full] > 0.99
     least = np.min(spread[there], initial=np.inf)
-    if not least < RESTLESS:
+    if not least < 0.1:  # [rad/s] the sensor never rests
         return Rest([], np.zeros(3), 0.0, 0.0)
     # the middle of a window is half a window after its first sample; a rest is extended by a quarter window each way
     quiet = np.zeros(len(gyr), bool)
-    quiet[full] = there & (spread <= max(QUIET * least, 1e-9))
+    quiet[full] = there & (spread <= max(1.5 * least, 1e-9))
     windows = [(max(0, a - half // 2), min(len(gyr), b + half // 2)) for a, b in true_runs(quiet)]
     weights = np.array([(b - a) / sampling_rate_hz for a, b in windows]) ** 2
     biases = np.array([gyr[a:b].mean(axis=0) for a, b in windows])
@@ -113,7 +95,7 @@ def longest_still(
     sampling_rate_hz: float,
     *,
     mask: AnyArray | None = None,
-    threshold: float = STILL_RATE,
+    threshold: float = 0.2,
     at_least_s: float = 0.0,
 ) -> tuple[int, int] | None:
     """The longest stretch (start, end) [samples], half-open, in which a segment stands still.
@@ -125,13 +107,14 @@ def longest_still(
         gyr: (T, 3) angular rate [rad/s], finite.
         sampling_rate_hz: sampling rate [Hz].
         mask: (T,) bool, False where a sample is ignored; None: every sample counts.
-        threshold: on the root mean square rate [rad/s].
+        threshold: on the root mean square rate [rad/s]: the swing of a leg reaches 3 to 7, the stance of a shank 0.5 to
+            1.5, and a standing leg with its gyroscope bias stays under 0.1.
         at_least_s: shortest stretch that counts [s].
 
     Returns:
         The stretch; None if no stretch is long enough, or the recording is shorter than a window.
     """
-    size = window_size(STILL_WINDOW_S, sampling_rate_hz)
+    size = window_size(0.5, sampling_rate_hz)  # [s] longer than the quiet part of a stance
     if len(gyr) < size:
         return None
     power = (as_float(gyr) ** 2).sum(axis=-1)
@@ -144,7 +127,7 @@ def longest_still(
 
 def legs_at_rest(gyrs: Sequence[AnyArray], sampling_rate_hz: float, masks: Sequence[AnyArray] = ()) -> np.ndarray:
     """(T,) bool, where no leg moves, from angular rates (T, 3) [rad/s] and masks (T,) of all sensors on the legs; a
-    person who sits rests too, nobody rests in a loss longer than `LEGS_LOST_S`.
+    person who sits rests too, nobody rests in a loss longer than a quarter of a second.
 
     A sample is at rest when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it, or twice as much if there is
     no rest of `LEGS_SHORTEST_S`.
@@ -154,7 +137,7 @@ def legs_at_rest(gyrs: Sequence[AnyArray], sampling_rate_hz: float, masks: Seque
     around = window_maximum(fastest, 2 * half + 1)
     for mask in masks:
         for first, after in true_runs(~np.asarray(mask, bool)):
-            if after - first > LEGS_LOST_S * sampling_rate_hz:
+            if after - first > 0.25 * sampling_rate_hz:  # [s] with standing before and after
                 around[max(0, first - half) : after + half] = np.inf
     still = np.asarray(around < LEGS_RATE)
     if any(after - first >= LEGS_SHORTEST_S * sampling_rate_hz for first, after in true_runs(still)):
@@ -185,15 +168,14 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     `rows` (3, 3) are these axes in the sensor's; lost samples are interpolated, with `mask` (T,) False.
     """
     gyr, acc = (as_float(v) @ rows.T for v in (imu.gyr, imu.acc))
-    rests = rest(gyr, acc, mask, rate)
-    reads = rests.gyr_bias if np.linalg.norm(rests.gyr_bias) < BIAS_KNOWN else np.zeros(3)
-    size = window_size(TRUNK_WINDOW_S, rate)
+    size = window_size(0.5, rate)  # [s]
     still = held_spread(gyr, size) < TRUNK_RATE
     shaken, noise = held_spread(acc, size), held_spread(np.diff(acc, axis=0, prepend=acc[:1]), size) / math.sqrt(2.0)
     # within half a second, the variance of noise is up to half larger than its own
-    still &= shaken**2 - (1.5 * noise**2 if noise.min() > NOISY else 0.0) < TRUNK_FORCE**2
+    # trunks at rest have 0.05; only accelerometers with a range of 200 g have more
+    still &= shaken**2 - (1.5 * noise**2 if noise.min() > 0.125 else 0.0) < 0.25**2  # [m/s²]
     # a person who leans or turns slowly does not stand still
-    still &= np.linalg.norm(held_mean(gyr, size) - reads, axis=1) < TRUNK_RATE
+    still &= np.linalg.norm(held_mean(gyr, size) - rest(gyr, acc, mask, rate).gyr_bias, axis=1) < TRUNK_RATE
     for a, b in true_runs(~mask):
         # a short loss was interpolated, and does not end a rest
         still[a:b] &= b - a <= BRIDGED_S * rate
@@ -202,8 +184,12 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     edge = size // 2
     runs = [(a + edge * (a > 0), b - edge * (b < len(gyr))) for a, b in true_runs(still)]
     runs = [(a, b) for a, b in runs if b > a]
-    bias, seconds = _without_sway(gyr, acc, runs, rate)
-    if seconds == 0.0:
+    weights = [((b - a) / rate) ** 2 for a, b in runs if b - a >= LEAST_REST_S * rate]
+    bias, seconds = np.zeros(3), math.sqrt(sum(weights))
+    if weights:
+        means = [gyr[a:b].mean(axis=0) for a, b in runs if b - a >= LEAST_REST_S * rate]
+        bias = np.average(means, axis=0, weights=weights)
+    else:
         notes.append(NEVER_STILL(seconds=LEAST_REST_S))
     scale = 1.0
     if runs:
@@ -212,27 +198,3 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     early = next(((a, b) for a, b in runs if a < rate), None)
     first = acc[early[0] : early[1]].mean(axis=0) if early else np.array([0.0, 0.0, 1.0])
     return TrunkRest(still, bias, scale, seconds if early else 0.0, first / np.linalg.norm(first), tuple(notes))
-
-
-def _without_sway(
-    gyr: np.ndarray, acc: np.ndarray, runs: list[tuple[int, int]], rate: float
-) -> tuple[np.ndarray, float]:
-    """The gyroscope's bias (3,) [rad/s] and the duration of the rests from which it is computed [s].
-
-    The mean rate of each rest, minus the turn of the trunk that gravity shows from the rest's start to its end; zero
-    without a rest of `LEAST_REST_S`.
-    """
-    rates, weights = [], []
-    edge = max(1, int(0.25 * rate))
-    for a, b in runs:
-        if b - a < LEAST_REST_S * rate:
-            continue
-        before, after = (acc[c:d].mean(axis=0) for c, d in ((a, a + edge), (b - edge, b)))
-        before, after = before / np.linalg.norm(before), after / np.linalg.norm(after)
-        seconds = (b - a - edge) / rate
-        # in the trunk's axes the direction of gravity turns opposite to the trunk
-        rates.append(gyr[a:b].mean(axis=0) + np.cross(before, after) / seconds)
-        weights.append(seconds**2)
-    if not rates:
-        return np.zeros(3), 0.0
-    return np.average(rates, axis=0, weights=weights), float(np.sqrt(np.sum(weights)))

@@ -20,21 +20,11 @@ from jaxtyping import Float, PyTree, Shaped
 from jgait.signal.windows import true_runs
 from jgait.types import AnyArray, Flags, Values, as_float
 
-EARLIEST, LATEST = 0.12, 0.85
-"""[1] Limits of the valley, as shares of the time between two swings: between the peaks of landing and push-off."""
-
-VALLEY = 0.4
-"""[1] Usual position of a valley, as a share of the time between two swings. A rise of the rate before it belongs to
-the landing: in slow steps the rate is lower before the foot lies flat than in the valley."""
-
 PAUSE_S = 1.5
 """[s] A longer time between two swings is a pause, if the shank rests in it."""
 
-RESTS_S, RESTS_BELOW = 0.5, 0.1
-"""[s] Shortest rest of a shank in a pause; [rad/s] rate below which it rests. In a very slow step it keeps turning."""
-
-NEAR_S, FAR_S = 0.1, 0.9
-"""[s] Shortest and longest time between a swing and the still sample of standing."""
+RESTS_S = 0.5
+"""[s] Shortest rest of a shank in a pause."""
 
 STILL = 0.25
 """[rad/s] Threshold on the norm of the rate: a shank that turns more slowly is still."""
@@ -104,15 +94,17 @@ def _pauses(norm: np.ndarray, rate_hz: float) -> bool:
     """Whether the time between two swings, with this norm of the rate, is a pause."""
     if len(norm) <= PAUSE_S * rate_hz:
         return False
-    return any(stop - start >= RESTS_S * rate_hz for start, stop in true_runs(norm < RESTS_BELOW))
+    return any(
+        stop - start >= RESTS_S * rate_hz for start, stop in true_runs(norm < 0.1)
+    )  # [rad/s] in a very slow step a shank keeps turning
 
 
 def _valley(x: np.ndarray, norm: np.ndarray, low: int, high: int) -> int:
     """The sample of the valley between two swings: of the sagittal rate, or of the norm in a turn that hides it."""
     span = high - low
-    first, last = low + int(EARLIEST * span), high - int((1.0 - LATEST) * span)
+    first, last = low + int(0.12 * span), high - int((1.0 - 0.85) * span)  # between the peaks of landing and push-off
     last = max(last, first + 1)
-    falls = np.flatnonzero(np.diff(x[first : low + int(VALLEY * span)]) < 0.0)
+    falls = np.flatnonzero(np.diff(x[first : low + int(0.4 * span)]) < 0.0)
     first += int(falls[0]) if falls.size else 0
     at = first + int(np.argmin(x[first:last]))
     return at if norm[at] <= RESTS else first + int(np.argmin(norm[first:last]))
@@ -128,7 +120,7 @@ def _at_end(
     instant.
     """
     edge = (len(norm) - 1 if way > 0 else 0) if limit is None else limit
-    near = int(NEAR_S * rate_hz)
+    near = int(0.1 * rate_hz)
     if limit is None:
         beside = norm[swing:] if way > 0 else norm[swing::-1]
         rest = next((a for a, b in true_runs(beside < STILL) if b - a >= RESTS_S * rate_hz), None)
@@ -140,7 +132,7 @@ def _at_end(
         if len(stance) > near:
             at = _valley(x, norm, *sorted((swing, int(stance[-1]))))
             return at, False, bool(norm[at] <= RESTS)
-    index = swing + way * np.arange(near, max(int(FAR_S * rate_hz), near + 1))
+    index = swing + way * np.arange(near, max(int(0.9 * rate_hz), near + 1))
     index = index[index <= edge] if way > 0 else index[index >= edge]
     if len(index) == 0:
         return edge, True, False

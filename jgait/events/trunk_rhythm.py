@@ -25,45 +25,17 @@ from jgait.signal import butterworth
 from jgait.signal import windows as signal
 from jgait.types import AnyArray, Flags, Values
 
-FRAME, HOP, MEMORY = 6.0, 1.0, 2.5
-"""[s] Window of a step frequency, time between windows, standard deviation of the Gaussian that smooths over time."""
+HOP, MEMORY = 1.0, 2.5
+"""[s] Time between windows of a step frequency, standard deviation of the Gaussian that smooths over time."""
 
-SLOWEST, FASTEST = 0.8, 3.5
-"""[Hz] Least and greatest step frequency of the search."""
-
-USUAL, OCTAVES = 1.8, 0.6
-"""[Hz], [octaves] Centre and width of the Gaussian weight that separates a step from a stride or half a step."""
-
-AS_WELL = 0.2
-"""[1] Ratio of the autocorrelation at half a lag to that at the lag above which the sway decides which of the two is a
-step. Symmetric walks have nearly 1. At a lower ratio, as in limping, the whole lag is kept. Chosen low."""
+SLOWEST = 0.8
+"""[Hz] Least step frequency of the search."""
 
 CUTOFFS = np.array([0.5, *np.geomspace(1.1, 5.0, 6)])
 """[Hz] Cut-offs of the low-pass filters; a filter with a changing cut-off is interpolated between them."""
 
-WINDOW, WIDE = 5.0, 20.0
-"""[s] Windows of the root mean squares with which the height of a maximum is compared: one about the maximum, and a
-wide one that still contains the walking when the person has just stopped."""
-
-NEAREST, FURTHEST = 0.65, 1.6
-"""[steps] Least and greatest time from a contact to a closing step; the least also from it to the next contact."""
-
-CUTOFF = 1.4
-"""[1] Cut-off of the low-pass filter, over the step frequency.
-
-With this and the next six, F1 is 0.985 on 36 walks of `ipol_gait`, and 0.982 to 0.984 with windows of 10 to 20 s in the
-place of both. On three straight walks of `mobgap_lab` it is 1.
-"""
-
-HEIGHT, SHARE, FLOOR = 0.5, 0.9, 0.5
-"""Least height of a maximum above the minima beside it: [m/s²] absolute, and [1] over the root mean squares of `WINDOW`
-and of `WIDE`."""
-
-WEAK = 0.5
-"""[1] Share of the least height that a closing step, about one step after a tall maximum, needs."""
-
-IN_A_ROW, APART = 4, 2.5
-"""Least number of contacts in a row that count as walking; [steps] longest time between two contacts in a row."""
+NEAREST = 0.65
+"""[steps] Least time from a contact to a closing step, and from it to the next contact."""
 
 
 class Rhythm(NamedTuple):
@@ -78,16 +50,16 @@ class Rhythm(NamedTuple):
 def step_frequency(bank: AnyArray, sampling_rate_hz: float) -> AnyArray:
     """The step frequency (T,) [Hz] at every sample; where nobody walks, that of the walking near by.
 
-    The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over `FRAME`, summed over the
-    forward and the upward acceleration in the band between the outermost of `CUTOFFS`, w a Gaussian about `USUAL` over
+    The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over 6 s, summed over the
+    forward and the upward acceleration in the band between the outermost of `CUTOFFS`, w a Gaussian about 1.8 Hz over
     the logarithm of the frequency. It is a stride, and l / 2 a step, if the sway, the acceleration to the left, repeats
-    after l and reverses after l / 2, and r(l / 2) is large enough (`AS_WELL`). The frequency is then smoothed over time
-    with the weights r(l). `bank` is low-passed at `CUTOFFS`: (number of cut-offs, T, 3), forward, upward and to the
-    left [m/s²]; the last is 0 if unknown.
+    after l and reverses after l / 2. The frequency is then smoothed over time with the weights r(l).
+
+    `bank` is low-passed at `CUTOFFS`: (number of cut-offs, T, 3), forward, upward and to the left [m/s²].
     """
     rate = sampling_rate_hz
     band = bank[-1] - bank[0]
-    count, size = band.shape[0], round(FRAME * rate)
+    count, size = band.shape[0], round(6.0 * rate)
     hop = round(HOP * rate)
     middle = np.arange(0, count + hop - 1, hop)
     index = middle[:, None] + np.arange(size)[None, :] - size // 2
@@ -95,14 +67,14 @@ def step_frequency(bank: AnyArray, sampling_rate_hz: float) -> AnyArray:
     frames = xp.where(inside, band[np.clip(index, 0, count - 1)], 0.0)
     fourier = jnp.fft if of_jax(frames) else np.fft
     power = xp.abs(fourier.rfft(frames, 2 * size, axis=1)) ** 2
-    lags = np.arange(int(rate / FASTEST), int(np.ceil(rate / SLOWEST)) + 1)
+    lags = np.arange(int(rate / 3.5), int(np.ceil(rate / SLOWEST)) + 1)
     terms = np.arange(size, size - lags[-1] - 2, -1)
     means = fourier.irfft(power, axis=1)[:, : len(terms)] / terms.astype(band.dtype)[None, :, None]
     mean, sway = means[..., :2].sum(axis=2), means[..., 2]
-    usual = np.exp(-0.5 * (np.log2(rate / lags / USUAL) / OCTAVES) ** 2)
+    usual = np.exp(-0.5 * (np.log2(rate / lags / 1.8) / 0.6) ** 2)
     at = lags[0] + xp.argmax(mean[:, lags] * usual.astype(band.dtype)[None, :], axis=1)
     row, half = np.arange(len(middle)), xp.maximum((at + 1) // 2, lags[0])
-    is_stride = (sway[row, at] > 0.0) & (sway[row, half] < 0.0) & (mean[row, half] > AS_WELL * mean[row, at])
+    is_stride = (sway[row, at] > 0.0) & (sway[row, half] < 0.0)
     at = xp.where(is_stride, half, at)
     before, here, after = (mean[row, at + k] for k in (-1, 0, 1))
     frequency = rate / (at.astype(band.dtype) + signal.vertex(before, here, after))
@@ -160,7 +132,7 @@ def _closing(time: Array, frequency: Array, tall: Array, there: Array, coming: A
         before, followed = carry
         t, f, high, some, ahead = item
         late = (t - before) * f
-        follows = some & ~high & ~followed & (late > NEAREST) & (late < FURTHEST) & ((ahead - t) * f > NEAREST)
+        follows = some & ~high & ~followed & (late > NEAREST) & (late < 1.6) & ((ahead - t) * f > NEAREST)
         keep = high | follows
         return (jnp.where(keep, t, before), jnp.where(keep, follows, followed)), keep
 
@@ -170,16 +142,16 @@ def _closing(time: Array, frequency: Array, tall: Array, there: Array, coming: A
 
 
 def _kept(time: AnyArray, frequency: AnyArray, tall: AnyArray, there: AnyArray) -> AnyArray:
-    """Maxima that are tall, or follow a maximum by about one step; of these, the rows of at least `IN_A_ROW`."""
+    """Maxima that are tall, or follow a maximum by about one step; of these, the rows of at least four."""
     coming = -largest_so_far(xp.where(tall, -time, -xp.inf)[::-1])[::-1]
     keep = as_given(_closing(time, frequency, tall, there, coming), time)
     number, rows = xp.cumsum(keep.astype(np.int32)), time.shape[0]
     order = places(keep, rows)
     first = time[order[:1]]
     steps = xp.diff(time[order], prepend=first) * frequency[order]
-    run = xp.cumsum(xp.where((steps > APART) & (order >= 0), 1, 0))
+    run = xp.cumsum(xp.where((steps > 2.5) & (order >= 0), 1, 0))  # [steps]
     length = put(np.zeros(rows + 1, np.int32), run, (order >= 0).astype(np.int32), "add")
-    return keep & (length[run[xp.maximum(number - 1, 0)]] >= IN_A_ROW)
+    return keep & (length[run[xp.maximum(number - 1, 0)]] >= 4)
 
 
 def contacts_nearby(
@@ -193,14 +165,14 @@ def contacts_nearby(
     rate = sampling_rate_hz
     bank = butterworth.low_passed(xp.stack([forward, upward, leftward], axis=1), tuple(CUTOFFS), rate)
     along = step_frequency(bank, rate)
-    slow = between(bank, CUTOFF * along)
+    slow = between(bank, 1.4 * along)
     slope = xp.gradient(slow[:, 0])
     shock = slow[:, 1] - slope * rate / (2.0 * np.pi * along)
-    enough = xp.zeros_like(shock) + HEIGHT
-    for window, share in ((WINDOW, SHARE), (WIDE, FLOOR)):
-        size = min(signal.window_size(window, rate), 2 * (shock.shape[0] // 2) - 1)
-        enough = xp.maximum(enough, share * xp.sqrt(xp.maximum(signal.moving_mean(shock * shock, size), 0.0)))
-    confirmed, where = maxima(shock, xp.stack([enough, WEAK * enough], axis=1))
+    # least height of a maximum: absolute, and over the root mean square about it; F1 is 0.985 on `ipol_gait`
+    size = min(signal.window_size(5.0, rate), 2 * (shock.shape[0] // 2) - 1)
+    enough = xp.maximum(0.5, 0.9 * xp.sqrt(xp.maximum(signal.moving_mean(shock * shock, size), 0.0)))
+    # a closing step, about one step after a tall maximum, needs half of that height
+    confirmed, where = maxima(shock, xp.stack([enough, 0.5 * enough], axis=1))
     sure, certain = confirmed.T
     tall = put(xp.zeros_like(shock, dtype=bool), xp.where(sure, where[:, 0], shock.shape[0]), True)
     row = places(certain, capacity)

@@ -26,9 +26,6 @@ RESTING = 0.1
 LEAST_ASYMMETRY = 0.3
 """[1] Skewness of the sagittal rate below which its sign is uncertain; walks have 1.0 to 2.6."""
 
-LEAST_SWING = 0.5
-"""[rad/s] Least 99th percentile of the rate of a walking leg; in standing, noise decides which sensor turns faster."""
-
 
 class Axes(NamedTuple):
     """Orientation of a sensor on its segment."""
@@ -58,7 +55,7 @@ def functional_axes(imu: Imu) -> Axes | None:
     gyr, acc = as_float(imu.gyr)[kept], as_float(imu.acc)[kept]
     speed = np.linalg.norm(gyr, axis=1)
     moving = speed > MOVING
-    if len(gyr) == 0 or np.percentile(speed, 99.0) < LEAST_SWING:
+    if len(gyr) == 0 or np.percentile(speed, 99.0) < 0.5:  # [rad/s] in standing, noise decides which turns faster
         return None
     up = np.median(acc, axis=0)
     up = up / np.linalg.norm(up)

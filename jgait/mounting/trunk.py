@@ -25,54 +25,15 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.signal.windows import held_mean, true_runs, window_size, window_sum
 from jgait.types import Imu, RecordingError, as_float
 
-SLOWEST, FASTEST = 1.2, 2.8
-"""[Hz] Least and greatest step frequency of the search in the accelerations of all axes."""
-
-QUICKEST, TWICE = 3.5, 1.75
-"""[Hz] Greatest step frequency of the search in the vertical acceleration, for children who walk quickly. [1] Ratio of
-this frequency to that of all axes above which the latter is the stride frequency, from sway; a sensor at the side of
-the waist, which moves up three times a stride, has a smaller ratio."""
-
-BAND = (0.75, 1.3)
-"""[1] Limits of the band of the step frequency, as multiples of the step frequency."""
-
 LEAST_WALKING_ACC = 0.25
 """[m/s²] Least root mean square acceleration of walking at the step frequency."""
-
-SURE = 40.0
-"""[deg] Largest difference of the phase from a quarter of a step with which forward and backward are certain; in 36
-walks of `ipol_gait` and 4 of `mobgap_lab` the difference is up to 33°."""
-
-WENT_S, WENT_M = 30.0, 1.0
-"""[s] Longest time between two rests over which velocity is integrated. [m] Least distance between two rests from which
-a direction is computed."""
-
-ASIDE = 0.1
-"""[1] Share of the power of the forward and upward accelerations that comes from turns of the trunk, above which a
-sensor is moved to the middle. Lower backs of `ipol_gait` and `mobgap_lab` have less; simulated people who move as
-recorded ones and wear the sensor at the side of the waist have more."""
-
-TURNS_S = (0.05, 0.1, 1.0)
-"""[s] Windows of means: of the angular rate before it is differentiated; and of what is faster and slower than steps
-when the distance from the middle is computed."""
 
 FREE, OVER_S = 0.35, 0.05
 """[1] Mean specific force over gravity, in a window of `OVER_S` [s], below which the trunk is in free fall. In running
 it is near 0 once in each step; walks of `ipol_gait` and `mobgap_lab` stay far above it."""
 
-STEP_S, ENOUGH_S = 0.5, 5.0
-"""[s] Longest time from free fall to other samples of running. [s] Walking above which running is ignored."""
-
-SLOW_S = 4.0
-"""[s] Window of the mean forces that show a wrong attitude, see `tilted`."""
-
 GRAVITY_S = 1.5
 """[s] Window of the mean that leaves gravity of the force, longer than a stride; `by_gravity` applies it twice."""
-
-UPRIGHT = np.deg2rad(25.0)
-"""[rad] Largest angle between gravity and the trunk's vertical in the windows that `tilted` uses."""
-
-NAMES = ("x", "y", "z")
 
 
 class TrunkAxes(NamedTuple):
@@ -86,8 +47,10 @@ class TrunkAxes(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether forward and backward are distinguished with certainty, see `SURE`."""
-        return self.went or bool(abs(self.phase - 0.5 * np.pi) < np.deg2rad(SURE))
+        """Whether forward and backward are distinguished with certainty: on 36 walks of `ipol_gait` and 4 of
+        `mobgap_lab` the phase differs from a quarter of a step by up to 33°.
+        """
+        return self.went or bool(abs(self.phase - 0.5 * np.pi) < np.deg2rad(40.0))
 
 
 def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None = None) -> TrunkAxes | None:
@@ -107,7 +70,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None =
     if not walking.any():
         return None
     runs = walking & _running(acc, sampling_rate_hz)
-    only_runs = np.sum(walking & ~runs) < min(ENOUGH_S * sampling_rate_hz, runs.sum())
+    only_runs = np.sum(walking & ~runs) < min(5.0 * sampling_rate_hz, runs.sum())  # [s] of walking
     walking = runs if only_runs else walking & ~runs
     up = acc[walking].mean(axis=0)
     up = up / np.linalg.norm(up)
@@ -115,7 +78,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None =
     size = 2 * (len(amplitude) - 1)
     frequency = np.arange(len(amplitude)) * sampling_rate_hz / size
     steps = _step_frequency(amplitude, up, frequency)
-    band = (frequency > BAND[0] * steps) & (frequency < BAND[1] * steps)
+    band = (frequency > 0.75 * steps) & (frequency < 1.3 * steps)
     upward = amplitude[band] @ up
     if np.sqrt(2.0 * np.sum(np.abs(upward) ** 2) / size / walking.sum()) < LEAST_WALKING_ACC:
         return None
@@ -134,11 +97,11 @@ def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None =
 
 def moved_between(acc: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     """Displacement (T, n) since the rest before [m], by integrating accelerations (T, n) [m/s²] from rest to rest; 0 at
-    rest and where there is no rest within `WENT_S`. `still` (T,) bool is True where the person stands.
+    rest and where there is no rest within 30 s. `still` (T,) bool is True where the person stands.
     """
     moved = np.zeros_like(acc)
     for (_, begin), (end, _) in itertools.pairwise(true_runs(still)):
-        if end - begin < WENT_S * sampling_rate_hz:
+        if end - begin < 30.0 * sampling_rate_hz:
             speed = np.cumsum(acc[begin:end], axis=0) / sampling_rate_hz
             speed -= np.linspace(0.0, 1.0, end - begin)[:, None] * speed[-1]
             moved[begin:end] = np.cumsum(speed, axis=0) / sampling_rate_hz
@@ -149,14 +112,14 @@ def where_one_went(axes: TrunkAxes, level: np.ndarray, still: np.ndarray, sampli
     """The axes, with the forward axis along the person's displacement between two rests, by integrated accelerations.
 
     Args:
-        axes: their forward axis is replaced, unless no displacement exceeds `WENT_M`.
+        axes: their forward axis is replaced, unless no displacement exceeds 1 m.
         level: (T, 2) forward and leftward acceleration in these axes, without gravity [m/s²].
         still: (T,) bool, the person stands.
         sampling_rate_hz: sampling rate [Hz].
     """
     stops = np.flatnonzero(~still[:-1] & still[1:])
     way = moved_between(level, still, sampling_rate_hz)[stops].sum(axis=0)
-    if np.hypot(*way) < WENT_M:
+    if np.hypot(*way) < 1.0:
         return axes
     forward, left, up = axes.rows
     forward = (way[0] * forward + way[1] * left) / np.hypot(*way)
@@ -171,15 +134,15 @@ def centred(imu: Imu, rows: np.ndarray, sampling_rate_hz: float) -> Imu:
     the trunk's axes.
     """
     gyr, acc = (as_float(values) @ rows.T for values in (imu.gyr, imu.acc))
-    turns = np.gradient(held_mean(gyr, window_size(TURNS_S[0], sampling_rate_hz)), axis=0) * sampling_rate_hz
+    turns = np.gradient(held_mean(gyr, window_size(0.05, sampling_rate_hz)), axis=0) * sampling_rate_hz
     for_one_metre, ahead_and_up = np.stack([-turns[:, 2], turns[:, 0]], axis=1), acc[:, [0, 2]]
-    blunt, slow = (window_size(seconds, sampling_rate_hz) for seconds in TURNS_S[1:])
+    blunt, slow = (window_size(seconds, sampling_rate_hz) for seconds in (0.1, 1.0))  # faster, slower than steps
     walks = _walking(acc, sampling_rate_hz)
     part, whole = (
         (held_mean(values, blunt) - held_mean(values, slow))[walks] for values in (for_one_metre, ahead_and_up)
     )
     both, alone = np.sum(part * whole), max(float(np.sum(part * part)), 1e-12)
-    if both**2 < ASIDE * alone * np.sum(whole * whole):
+    if both**2 < 0.1 * alone * np.sum(whole * whole):
         return imu
     acc[:, [0, 2]] -= both / alone * for_one_metre
     return imu._replace(acc=acc @ rows)
@@ -197,16 +160,16 @@ def step_frequency(acc: np.ndarray, sampling_rate_hz: float) -> float:
 
 
 def tilted(forces: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> float:
-    """Largest angle [rad] of the mean force over `SLOW_S` from the vertical, of forces (T, 3) in the world, z up.
+    """Largest angle [rad] of the mean force over 4 s from the vertical, of forces (T, 3) in the world, z up.
 
     The angle is small if the attitude is right, because nobody accelerates for so long. Only windows are used in and
-    beside which `acc` (T, 3), in the trunk's axes, is nearly upright (`UPRIGHT`), as a sensor held in a hand is not. 0
+    beside which `acc` (T, 3), in the trunk's axes, is within 25° of upright, as a sensor held in a hand is not. 0
     without such a window.
     """
-    size = window_size(SLOW_S, sampling_rate_hz)
+    size = window_size(4.0, sampling_rate_hz)  # [s] nobody accelerates for so long
     if len(forces) < size:
         return 0.0
-    leans = _from_vertical(held_mean(acc, window_size(GRAVITY_S, sampling_rate_hz))) > UPRIGHT
+    leans = _from_vertical(held_mean(acc, window_size(GRAVITY_S, sampling_rate_hz))) > np.deg2rad(25.0)
     counts = window_sum(leans.astype(float), 2 * size - 1) < 0.5
     angles = np.where(counts, _from_vertical(held_mean(forces, size)), 0.0)
     return float(angles[size // 2 : len(angles) - size // 2].max())
@@ -238,18 +201,18 @@ def _spectrum(values: np.ndarray) -> np.ndarray:
 
 def _step_frequency(amplitude: np.ndarray, up: np.ndarray, frequency: np.ndarray) -> float:
     """[Hz] The frequency of most power of the accelerations of all axes, smoothed over a tenth of a hertz; that of the
-    vertical one if it is about twice as large, see `TWICE`.
+    vertical one if it is about twice as large: that of all axes is then of the sway.
     """
     width = max(1, int(np.sum(frequency < 0.1)))
 
     def greatest(power: np.ndarray, fastest: float) -> float:
         smooth = np.convolve(power, np.ones(width) / width, mode="same")
-        inside = np.flatnonzero((frequency >= SLOWEST) & (frequency <= fastest))
+        inside = np.flatnonzero((frequency >= 1.2) & (frequency <= fastest))
         return float(frequency[inside[int(np.argmax(smooth[inside]))]])
 
-    of_all = greatest(np.sum(np.abs(amplitude) ** 2, axis=1), FASTEST)
-    upward = greatest(np.abs(amplitude @ up) ** 2, QUICKEST)
-    return upward if upward > TWICE * of_all else of_all
+    of_all = greatest(np.sum(np.abs(amplitude) ** 2, axis=1), 2.8)
+    upward = greatest(np.abs(amplitude @ up) ** 2, 3.5)  # for children who walk quickly
+    return upward if upward > 1.75 * of_all else of_all
 
 
 def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
@@ -268,9 +231,9 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
 
 
 def _running(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """(T,) bool: less than `STEP_S` from a sample at which the trunk is in free fall."""
+    """(T,) bool: less than half a second from a sample at which the trunk is in free fall."""
     force_g = held_mean(np.linalg.norm(acc, axis=1), window_size(OVER_S, sampling_rate_hz)) / GRAVITY
-    return np.asarray(window_sum((force_g < FREE).astype(float), window_size(2.0 * STEP_S, sampling_rate_hz)) > 0.5)
+    return np.asarray(window_sum((force_g < FREE).astype(float), window_size(1.0, sampling_rate_hz)) > 0.5)
 
 
 def worn(axes: TrunkAxes) -> dict[str, str | float]:
@@ -287,7 +250,7 @@ def worn(axes: TrunkAxes) -> dict[str, str | float]:
     nearest[1] = np.cross(nearest[2], nearest[0])
     for number in (2, 0):
         best = int(np.argmax(np.abs(nearest[number])))
-        names.append(("−" if nearest[number, best] < 0.0 else "") + NAMES[best])
+        names.append(("−" if nearest[number, best] < 0.0 else "") + ("x", "y", "z")[best])
     lean = np.rad2deg(np.arccos(np.clip(axes.rows[2] @ nearest[2], -1.0, 1.0)))
     forward = nearest[0] - (nearest[0] @ axes.rows[2]) * axes.rows[2]
     turned = np.rad2deg(np.arctan2(forward @ axes.rows[1], forward @ axes.rows[0]))

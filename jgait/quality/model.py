@@ -26,7 +26,7 @@ from jgait.quality.sensor import SensorQuality
 from jgait.quality.stride import EVIDENCE, StrideQuality
 from jgait.types import Estimate, Strides, Values, as_float
 
-START, WRITTEN_FROM = 0.1, 1e-2
+START = 0.1
 """Weight at which a fit starts, and weight below which a fitted weight is written as 0."""
 
 LESS = Prior("exponential(1)", lambda weight: weight, lambda _: 1.0)
@@ -167,9 +167,9 @@ def from_dict(stored: Mapping[str, Any]) -> QualityParams:
 
 
 def to_dict(p: QualityParams) -> dict[str, Any]:
-    """Inverse of `from_dict`, without weights below `WRITTEN_FROM`."""
+    """Inverse of `from_dict`, without weights below 0.01."""
     weights = {
-        name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > WRITTEN_FROM}
+        name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > 1e-2}
         for name in ("spread", "wrong")
     }
     return {**{name: round(float(getattr(p, name)), 4) for name in NUMBERS}, **weights}

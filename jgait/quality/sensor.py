@@ -41,7 +41,6 @@ class SensorQuality(NamedTuple):
         walks_after: duration of walking after the last whole stride [s].
         quick_stride: median duration of a stride, if it is as short as in running [s]; else inf.
         unlike: True if the walk is unlike those from which the estimator's lengths were learned.
-        missed: duration of walking in which no contact was detected [s].
         unusable: True if the estimator states that its numbers from this sensor must not be used.
         slips_at: time from the first sample at which the sensor slipped on its segment [s]; inf if it did not.
         leans_at: time from the first sample from which the sensor leans otherwise in stance [s]; inf if it does not.
@@ -75,7 +74,6 @@ class SensorQuality(NamedTuple):
     walks_after: float = 0.0
     quick_stride: float = np.inf
     unlike: bool = False
-    missed: float = 0.0
     unusable: bool = False
     slips_at: float = np.inf
     leans_at: float = np.inf

@@ -52,9 +52,6 @@ LEAST_FACTOR = 0.1
 LEAST_M = 0.05
 """[m], [m s] Length, and length times duration, that shorter strides count as."""
 
-CRAMPED = 1.0
-"""[m s] Length times duration of a stride below which it is cramped: cadence and length of a person grow together."""
-
 
 @record
 class StrideQuality(NamedTuple):
@@ -100,7 +97,8 @@ def among(strides: Strides) -> dict[str, np.ndarray]:
     apart = abs(math.log(max(usual[0], LEAST_M) / max(usual[1], LEAST_M))) if np.isfinite(usual).all() else 0.0
     lasts = as_float(strides.end) - as_float(strides.start)
     slowly = np.maximum(np.abs(length) * lasts, LEAST_M)
-    return {"apart": np.full(length.shape, min(apart, 1.0)), "cramped": np.asarray(above(1.0 / slowly, 1.0 / CRAMPED))}
+    # cadence and length of a person grow together
+    return {"apart": np.full(length.shape, min(apart, 1.0)), "cramped": np.asarray(above(1.0 / slowly, 1.0 / 1.0))}
 
 
 def of_estimate(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, np.ndarray]:

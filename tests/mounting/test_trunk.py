@@ -140,7 +140,7 @@ def test_real_backs_look_the_way_they_were_mounted(data, name, ahead):
         assert np.rad2deg(np.arccos(found.rows[0] @ forward / np.linalg.norm(forward))) < 15.0, walk.recording.name
         assert 75.0 < np.rad2deg(found.phase) < 125.0, walk.recording.name
         assert found.rows[2, 0] > 0.8 and found.sure
-        assert trunk_axes.SLOWEST < found.step_frequency < trunk_axes.FASTEST
+        assert 1.2 < found.step_frequency < 2.8
 
 
 def test_gravity_and_the_slow_turn_give_an_angular_rate():

@@ -46,7 +46,7 @@ from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSi
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import entries
 from jgait.events import foot as events
-from jgait.events.rest import rest
+from jgait.events.rest import JOLT, rest
 from jgait.filtering import Belief
 from jgait.geometry.rotation import between, quaternion
 from jgait.geometry.vectors import Vector, as_array, root, vector, wrapped
@@ -241,7 +241,7 @@ def _detected(worn: FootWorn, samples: Values, threshold: StanceThreshold) -> tu
     free = rows[:, :3] - worn.gyr_bias[None]
     force = rows[:, 3:6] - jnp.mean(rows[:, 3:6], axis=0)[None]
     turning, spread = (jnp.sum(values * values) / size for values in (free, force))
-    unrest = jnp.sqrt(turning + spread / events.JOLT**2)
+    unrest = jnp.sqrt(turning + spread / JOLT**2)
     return unrest, _searched(threshold, unrest)
 
 

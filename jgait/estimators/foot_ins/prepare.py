@@ -149,7 +149,7 @@ def _foot(
     scale, acc_bias, off = errors_at_rest(at_rest, name, notes)
     acc = acc * scale
     lost = ~mask | (step > 1.5 * nominal)
-    stances = events.stances(gyr - at_rest.gyr_bias, acc, hz, not_bridged(lost, time))
+    stances = events.stances(gyr - at_rest.gyr_bias, acc, hz)
     if not len(stances.start):
         lowest = float(events.moving_rate(gyr - at_rest.gyr_bias, hz).min())
         raise RecordingError(

@@ -15,7 +15,6 @@ from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist import readout as waist_distance
 from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
-from jgait.estimators.waist.bouts import LEAST_S, missed
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import (
@@ -45,24 +44,14 @@ from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 FLAGS = ("turning", "half", "unsure", "side_unknown")
 """Names of the flags in `diagnostics`, each (n,) bool in the order of the strides."""
 
-_PENDULUM = (
-    "pendulum_constant", "pendulum_constant_sd", "start_gain", "start_noise", "step_noise", "turn_noise", "edge_noise",
-)  # fmt: skip
-_EXCURSION = (
-    "excursion_hz",
-    "pendulum_length",
-    "pendulum_length_sd",
-    "excursion_power",
-    "surge_power",
-    "turn_shortening",
-)
-_SPEED = ("acc_bias", "acc_bias_unknown", "acc_bias_turn", "start_speed", "start_speed_sd")
-_FUSION = ("speed_noise", "acc_bias_walk", "standing_speed")
-_ALONE = (*_PENDULUM, *_EXCURSION, *_FUSION, "update.threshold")
 UNUSED = {
     "fused": ("update",),
-    "update": _ALONE,
-}
+    "update": (
+        "pendulum_constant", "pendulum_constant_sd", "start_gain", "start_noise", "step_noise", "turn_noise",
+        "edge_noise", "excursion_hz", "pendulum_length", "pendulum_length_sd", "excursion_power", "surge_power",
+        "turn_shortening", "speed_noise", "acc_bias_walk", "standing_speed", "update.threshold",
+    ),
+}  # fmt: skip
 """Distance method → parameters without effect on the distance and its standard deviation: their gradient is zero."""
 
 
@@ -193,20 +182,10 @@ SLOW, FEW = 0.6, 4
 number of such strides that is not noted. Straight strides of `ipol_gait` are faster, except the last ones of a walk."""
 
 
-LONGER = 1.2
-"""[1] Duration of a stride, over the median, above which it belongs to a slower part or is beside a stop that was not
-detected; more than `FEW` such strides are noted. In such parts of simulated walks lengths are too large, in those
-of `tripod` they are not. Chosen: hardly any straight strides of `ipol_gait` and `mobgap_lab` last as long."""
-
-
 OUTSIDE_SD, CLIMBS_SD = 0.35, 0.6
 """[1] Relative standard deviation of lengths of strides outside those from which the pendulum was learned, of strides
 that turn, which may be steps on the spot, and of strides on stairs, whose tread is shorter than a usual step. Chosen by
 simulated people who shuffle, limp or run (experiment `people.gaits`)."""
-
-EVERY_SECOND = 0.65
-"""[1] Contacts a second over the trunk's step frequency below which contacts are missed; chosen, far below all walks of
-`ipol_gait`, `mobgap_lab` and `tripod`. In limping, only the step of one leg may be found."""
 
 RISES = 0.25
 """[m] Rise or fall above which a stride is on stairs, if more than `FEW` are. Flat stairs have more, usual slopes less;
@@ -234,7 +213,7 @@ def _doubts(
     climbs (see `RISES`) or runs (see `FREE`); and the evidence about each stride.
 
     Strides are short or slow all together, if their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for
-    itself (see `SLOW`), or slower than the others (see `LONGER`); not where both steps are integrated, beside standing.
+    itself (see `SLOW`); not where both steps are integrated, beside standing.
     """
     options, integrated = made.options, _integrated(made)
     strides, notes = result.strides, []
@@ -254,9 +233,6 @@ def _doubts(
         whole = whole if whole.any() else kept
         if np.median(length[whole]) < SHORTEST_LEARNED_M or np.median(speed[whole]) < SLOWEST:
             noted, slow = whole & ((length < SHORTEST_LEARNED_M) | (speed < SLOWEST)), kept
-        lasts = as_float(strides.end) - as_float(strides.start)
-        usual = float(np.median(lasts[kept & ~runs])) if (kept & ~runs).any() else np.inf
-        slower = kept & (lasts > LONGER * usual) & ~turning & ~slow & ~integrated
         if slowly := slow is kept or slow.sum() > FEW:
             text = (
                 "{strides} of {of} strides, of {length_m:.2f} m at {speed:.2f} m/s in the median, are shorter or "
@@ -265,14 +241,7 @@ def _doubts(
             )
             middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
             notes.append(NOT_LEARNED.note(text, strides=noted.sum(), of=kept.sum(), **middle))
-        if slower.sum() > FEW:
-            text = (
-                "{strides} of {of} strides last {seconds:.2f} s in the median, where strides of this walk usually last "
-                "{usual:.2f} s"
-            )
-            seconds = float(np.median(lasts[slower]))
-            notes.append(NOT_LEARNED.note(text, strides=slower.sum(), of=kept.sum(), seconds=seconds, usual=usual))
-        beside = np.convolve(slow | slower, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
+        beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         outside = (kept & beside) | turning
     rise = _rise(result, made.inputs.still)
     climbs = kept & (np.abs(rise) > RISES)
@@ -307,7 +276,7 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     for name in ("initial_contact", "initial_contact_side", "initial_contact_side_probability"):
         diagnostics[name] = diagnostics[name][contacts]
     (name,) = made.quality
-    result = _with_missed(result._replace(diagnostics=diagnostics), made.inputs, name)
+    result = result._replace(diagnostics=diagnostics)
     facts, doubts, evidence = _doubts(result, diagnostics["initial_contact"], made)
     noted = _steps_missed(result, diagnostics["initial_contact"])
     diagnostics = {
@@ -345,26 +314,5 @@ def _steps_missed(result: Estimate, contacts: np.ndarray) -> tuple[Note, ...]:
         "{found:.1f} contacts a second were found, but the trunk moves as in {steps:.1f} steps a second: contacts are "
         "missed, as in limping"
     )
-    missed_steps = contact_rate < EVERY_SECOND * steps
+    missed_steps = contact_rate < 0.65 * steps  # chosen, far below walks of `ipol_gait`, `mobgap_lab` and `tripod`
     return (WALKING_MISSED.note(text, found=contact_rate, steps=steps),) if missed_steps else ()
-
-
-def _with_missed(result: Estimate, inputs: WaistInputs, name: str) -> Estimate:
-    """The estimate with a note, and a larger deviation of the distance, if the trunk walks where no contact was found;
-    `name` is the sensor's placement.
-    """
-    diagnostics, time = dict(result.diagnostics), as_float(result.time)
-    flags = missed(inputs.acc, inputs.measured, time, diagnostics["initial_contact"])
-    seconds = np.cumsum(np.where(flags, inputs.dt, 0.0))
-    if seconds[-1] < LEAST_S:
-        return result
-    begin, end = time[np.flatnonzero(flags)[[0, -1]]]
-    text = (
-        "for {seconds:.1f} s between {begin_s:.1f} and {end_s:.1f} s the trunk moves as in walking, but no contact was "
-        "found"
-    )
-    diagnostics["notes"] += (WALKING_MISSED.note(text, seconds=seconds[-1], begin_s=begin, end_s=end),)
-    diagnostics["sensors"] = merged(diagnostics["sensors"], {name: SensorQuality(missed=float(seconds[-1]))})
-    speed = WaistParams().start_speed
-    diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), speed * seconds)
-    return result._replace(diagnostics=diagnostics)

@@ -8,13 +8,10 @@ from jgait.estimators.interface import Axis, Held, Sampled, Times, fields_of
 from jgait.notes import record
 from jgait.types import Counts, Values
 
-SHORTEST_STEP = 5
-"""[samples] Lower limit on the samples between two nodes at the lowest sampling rate; see `capacity`."""
-
 
 def capacity(samples: int) -> int:
     """K, the number of rows for nodes in a recording of this number of samples."""
-    return samples // SHORTEST_STEP + 4
+    return samples // 5 + 4  # a step at the lowest sampling rate has 5 samples
 
 
 type PerNode = Annotated[Values, Axis("zero", capacity)]

@@ -25,9 +25,6 @@ from jgait.geometry.vectors import GRAVITY, Vector, vector
 from jgait.signal import butterworth
 from jgait.types import Flags, Values
 
-LOST_RATE = 0.5
-"""[rad/s] Standard deviation of the angular rate's error at lost samples."""
-
 
 class TrunkMotion(NamedTuple):
     """Motion of the trunk; (T,) each."""
@@ -80,7 +77,7 @@ def _seen(p: WaistParams, inputs: WaistInputs, state: TrunkState) -> TrunkMotion
 def _attitude(p: WaistParams, inputs: WaistInputs, smooth: bool, method: filtering.Method) -> filtering.Inferred:
     """Attitude and biases at each sample, by the filter and, if `smooth`, by the smoother."""
     gyr = 0.5 * (inputs.gyr + xp.concatenate([inputs.gyr[:1], inputs.gyr[:-1]]))
-    lost = xp.where(inputs.measured, 0.0, LOST_RATE)
+    lost = xp.where(inputs.measured, 0.0, 0.5)  # [rad/s] of the rate at lost samples
     density = xp.where(inputs.still, p.standing_noise**2, p.acc_noise**2)
     controls = TrunkControl(gyr, inputs.acc, p.gyr_noise**2 + lost * lost * inputs.dt, density * inputs.rate_hz)
     settled = p.gyr_noise * p.acc_noise / GRAVITY + inputs.start_variance

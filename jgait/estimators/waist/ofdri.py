@@ -55,7 +55,6 @@ class Placed(NamedTuple):
 
     inside: Values  #: (T,) bool, the sample is in a cycle.
     number: Values  #: (T,) index of the sample's cycle; 0 outside cycles.
-    ended: Values  #: (T,) number of cycles that ended before the sample.
     restart: Flags  #: (T,) bool, a cycle begins or ends at the sample.
     valid: Flags  #: (K,) bool, the row holds a cycle.
 
@@ -95,7 +94,7 @@ def placed(cycles: Cycles, samples: int) -> Placed:
     flags = marks(cycles.begin, cycles.end, samples, valid)
     begun, ended = (jnp.cumsum(flag, dtype=jnp.int32) - flag.astype(jnp.int32) for flag in flags)
     inside = begun > ended
-    return Placed(inside, jnp.where(inside, begun - 1, 0), ended, flags.begin | flags.end, valid)
+    return Placed(inside, jnp.where(inside, begun - 1, 0), flags.begin | flags.end, valid)
 
 
 def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | None = None) -> Since:
@@ -119,11 +118,6 @@ def since(acc: Array, steps: Array, cutoff_hz: ArrayLike, restart: ArrayLike | N
     nothing = jnp.zeros_like(acc[0])
     samples = (acc, shares, steps, anew)
     return lax.scan(integrate, (nothing, nothing, nothing, acc[0]), samples)[1]
-
-
-def integral(acc: Array, steps: Array) -> Array:
-    """(T,) the integral of a signal since its first sample, by trapezoids."""
-    return jnp.cumsum(0.5 * steps * (acc + jnp.concatenate([acc[:1], acc[:-1]])))
 
 
 def per_sample(values: ArrayLike, at: Placed, dtype: DTypeLike) -> Array:

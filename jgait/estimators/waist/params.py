@@ -9,8 +9,7 @@ from jaxtyping import PyTree
 from jgait import filtering
 from jgait.estimators.proportions import HEIGHTS, SENSOR_SD, SENSOR_SHARE, in_metres, outside
 from jgait.estimators.waist.velocity_update import VelocityUpdateParams
-from jgait.events.trunk import PaperRule, Peaks
-from jgait.events.trunk_soft import Soft
+from jgait.events.trunk import PaperRule, Peaks, Soft
 from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, positive
 from jgait.types import Measures, Values
@@ -146,11 +145,9 @@ PAPER = WaistOptions(distance="update", detector="paper")
 KNOWN = {"distance": DISTANCES, "detector": DETECTORS}
 """Option → its allowed values."""
 
+
 TAPE_SD = 0.01
 """[m] Standard deviation of the sensor's height where it was measured."""
-
-WALKS_SD = 0.02
-"""[1] Standard deviation of log K among walks of one person of `ipol_gait`, that of K where it was measured."""
 
 
 def with_body(p: WaistParams, body: Measures) -> WaistParams:
@@ -181,7 +178,8 @@ def with_body(p: WaistParams, body: Measures) -> WaistParams:
     if "height" in body:
         p = p._replace(pendulum_length=SENSOR_SHARE * measure("height"), pendulum_length_sd=SENSOR_SD)
     if "sensor_height" in body:
-        p = p._replace(pendulum_length=measure("sensor_height"), pendulum_length_sd=TAPE_SD)
+        p = p._replace(pendulum_length=measure("sensor_height"), pendulum_length_sd=TAPE_SD)  # [m] of a measured height
     if "pendulum_constant" in body:
-        p = p._replace(pendulum_constant=measure("pendulum_constant"), pendulum_constant_sd=WALKS_SD)
+        # [1] of log K among walks of one person of `ipol_gait`
+        p = p._replace(pendulum_constant=measure("pendulum_constant"), pendulum_constant_sd=0.02)
     return p

@@ -41,15 +41,9 @@ from jgait.quality import SensorQuality
 from jgait.signal.windows import held_mean, true_runs, window_size
 from jgait.types import Imu, Recording, RecordingError, as_float
 
-LEAST_SECONDS = 2.0
-"""[s] Lower limit on the recording's duration; four steps, the fewest that count as walking, take longer."""
-
-LIKE_GRAVITY = (0.6, 1.6)
-"""[1] Allowed range of the specific force's median norm over gravity; outside it the unit is unknown."""
-
-MIRRORED, MIRRORED_S = 0.4, 1.0
+MIRRORED = 0.4
 """[1] log(misfit / misfit of the gyroscope with the reversed sign) above which the reversal is kept. A misfit is the
-mean square of the horizontal acceleration over `MIRRORED_S` [s], in which that of walking averages out: with the wrong
+mean square of the horizontal acceleration over a second, in which that of walking averages out: with the wrong
 sign the leans from accelerometer and gyroscope have opposite signs. It is below −.5 in each of 14 walks of `ipol_gait`,
 `mobgap_lab`, `neura_sparse` and `tripod`, and within ±.2 in five simulated people, who hardly lean."""
 
@@ -57,35 +51,11 @@ CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
 gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°."""
 
-CONTRADICTED = (
-    "{placement}: by its gyroscope it leans by up to {degrees:.0f}° away from what its accelerometer shows: the order "
-    "or the signs of axes of one of them are wrong, or a bias is large; the accelerometer is used alone"
-)
-REVERSED = (
-    "its gyroscope turns the other way than gravity: the axes are left-handed, or its sign is wrong; turned round, but "
-    "left and right may be exchanged"
-)
-"""Sentences on the gyroscope."""
-
-TURNED_OVER = np.deg2rad(60.0)
-"""[rad] Least angle of the mean force from the vertical of walking of a sensor turned over; sitting has less."""
-
 LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
 """[rad] Angle between mean force and vertical above which the person does not walk, if the directions there differ by
 more than `VARIES` (root mean square): the sensor is handled, or the person sits down or bends. A sensor that slipped
 keeps its direction. Chosen above all walks of `ipol_gait`, `tripod`, `neura_sparse` and the straight ones of
 `mobgap_lab`."""
-
-TILTS = 0.3
-"""[rad/s] Mean rate against gravity over `OVER_S` above which a sensor beside such a lean is still handled. Chosen; a
-limit that is a third smaller or larger leaves out nearly the same strides."""
-
-OVER_S, TURNED_S, UPRIGHT_S = 1.0, 2.0, 3.0
-"""[s] Window of both means; least time for which a sensor is turned over; and longest time for which a sensor that is
-handled is upright in between, too short for walking."""
-
-SILENCE = 10.0
-"""[s] Least padding for the search for contacts, so long that its end does not affect the slowest filter."""
 
 NO_NODES = waist_bouts.nodes([])
 
@@ -160,8 +130,7 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         contacts = contacts._replace(certainty=np.zeros_like(contacts.certainty))
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate, np.asarray(motion.forward)), time)
-    force = np.linalg.norm(as_float(whole.acc), axis=1)
-    quality, more = waist_bouts.notes_of(nodes, len(contacts.time), name, time, force)
+    quality, more = waist_bouts.notes_of(nodes, len(contacts.time), name, time)
     notes += more
     if left_out := waist_bouts.leave_out(nodes, ~mask, time):
         notes.append(STRIDES_MISSING(strides=left_out, placement=name, seconds=LONGEST_LOSS))
@@ -179,10 +148,10 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
             f"waist needs {low:g} to {high:g} Hz, for the jolts that tell a contact are faster than a slower "
             f"sensor can follow; the recording has {rate:g} Hz"
         )
-    time = common_time(recording, [name], "waist", "the sensor", least_s=LEAST_SECONDS)
+    time = common_time(recording, [name], "waist", "the sensor", least_s=2.0)  # [s] four steps take longer
     check_nominal_rate(time, name, rate)
     median_force = float(np.median(np.linalg.norm(as_float(imu.acc)[np.asarray(imu.mask, bool)], axis=1)))
-    if not LIKE_GRAVITY[0] * GRAVITY < median_force < LIKE_GRAVITY[1] * GRAVITY:
+    if not 0.6 * GRAVITY < median_force < 1.6 * GRAVITY:  # outside, the unit is unknown
         raise RecordingError(
             f"'{name}' feels {median_force:.2f} m/s² on average, where a walking person feels about 9.81"
         )
@@ -212,10 +181,11 @@ def _motion(
 
     def moved(turned: Imu, rested: TrunkRest) -> tuple[TrunkMotion, float]:
         inputs = _assembled(turned, axes, time, mask, rate, rested, NO_NODES)
-        inputs = pad(inputs, bucket(len(time) + round(SILENCE * rate)))
+        # [s] of padding, so that its end does not affect the slowest filter
+        inputs = pad(inputs, bucket(len(time) + round(10.0 * rate)))
         motion = waist_motion.filtered_motion(WaistParams(), inputs)
         level = np.stack([motion.forward, motion.left], axis=1)[: len(time)]
-        return motion, float(np.mean(held_mean(level, window_size(MIRRORED_S, rate)) ** 2))
+        return motion, float(np.mean(held_mean(level, window_size(1.0, rate)) ** 2))
 
     candidates = []
     for sign in (1.0, -1.0):
@@ -228,11 +198,19 @@ def _motion(
     forces = np.stack([motion.forward, motion.left, motion.upward + GRAVITY], axis=1)[: len(time)]
     apart = trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)
     if by_gravity := apart > CONTRADICTS:
-        notes.append(GYROSCOPE_CONTRADICTS.note(CONTRADICTED, placement=name, degrees=np.rad2deg(apart)))
+        text = (
+            "{placement}: by its gyroscope it leans by up to {degrees:.0f}° away from what its accelerometer shows: "
+            "the order or signs of axes of one of them are wrong, or a bias is large; the accelerometer is used alone"
+        )
+        notes.append(GYROSCOPE_CONTRADICTS.note(text, placement=name, degrees=np.rad2deg(apart)))
         turned, rested = trunk_axes.by_gravity(imu, rate), rested._replace(gyr_bias=np.zeros(3))
         motion = moved(turned, rested)[0]
     elif mirrored:
-        notes.append(GYROSCOPE_CONTRADICTS.note(REVERSED, placement=name))
+        text = (
+            "its gyroscope turns the other way than gravity: the axes are left-handed, or its sign is wrong; turned "
+            "round, but left and right may be exchanged"
+        )
+        notes.append(GYROSCOPE_CONTRADICTS.note(text, placement=name))
     return turned, rested, motion, bool(by_gravity)
 
 
@@ -240,23 +218,16 @@ def _turned_over(imu: Imu, up: np.ndarray, rate: float) -> tuple[np.ndarray, np.
     """Angle of the sensor's mean force to the vertical of walking, in its axes (3,), for each sample [rad], and samples
     at which it is turned over or handled; none if they are few.
     """
-    force, turns = (held_mean(as_float(values), window_size(OVER_S, rate)) for values in (imu.acc, imu.gyr))
+    force = held_mean(as_float(imu.acc), window_size(1.0, rate))
     force = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
     angle = np.arccos(np.clip(force @ up, -1.0, 1.0))
-    over, leans = angle > TURNED_OVER, _without_gaps(angle > LEANS, UPRIGHT_S * rate)
-    tilts = leans | (np.linalg.norm(np.cross(turns, force), axis=1) > TILTS)
-    for a, b in true_runs(_without_gaps(tilts, OVER_S * rate)):
-        if len(there := force[a:b][leans[a:b]]):
-            over[a:b] |= np.sqrt(there.var(axis=0).sum()) > VARIES
-    return angle, over & (np.sum(over) >= TURNED_S * rate)
-
-
-def _without_gaps(flags: np.ndarray, size: float) -> np.ndarray:
-    """The flags (T,) bool, True in gaps between them and at the ends that have fewer samples than `size`."""
-    filled = flags.copy()
-    for a, b in true_runs(~flags) if flags.any() else ():
-        filled[a:b] = b - a < size
-    return filled
+    over, leans = angle > np.deg2rad(60.0), angle > LEANS  # sitting has less than 60°
+    for a, b in true_runs(~leans):
+        leans[a:b] |= leans.any() and b - a < 3.0 * rate  # [s] upright for too short a time to walk
+    for a, b in true_runs(leans):
+        there = force[a:b][angle[a:b] > LEANS]
+        over[a:b] |= np.sqrt(there.var(axis=0).sum()) > VARIES
+    return angle, over & (np.sum(over) >= 2.0 * rate)
 
 
 def _contacts(motion: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:

@@ -4,7 +4,6 @@ r"""Distance over each interval between nodes, by each distance method of the wa
 standing.
 """
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from jaxtyping import Array, PyTree
@@ -23,13 +22,6 @@ from jgait.estimators.waist.steps import Intervals
 from jgait.geometry.arrays import largest_so_far, put, xp
 from jgait.geometry.vectors import root
 from jgait.types import AnyArray, Flags, Values
-
-TURNED = 1.0
-"""[rad] Threshold on the turn since the bout began; above it the bias has turned and integration is unreliable."""
-
-OUTLIER = 4.0
-"""[standard deviations] Difference from the prior at which a start does not tell the person's constant. Chosen: on a
-belt the integrated speed is about zero, in walks over ground no start is that far off."""
 
 EDGE_STEPS = 2
 """[intervals] Number of intervals after standing that are gait initiation, and before standing or the end of a bout
@@ -82,7 +74,8 @@ def personal_constant(p: WaistParams, inputs: WaistInputs, intervals: Intervals)
     starts = starts & ~_turned(inputs, intervals) & ~_beside(_stopping(inputs)) & (way > 0.0)
     prior = constant_variance(p)
     off = xp.log(xp.where(starts, way, 1.0) / xp.where(starts, swung, 1.0) / (p.start_gain * p.pendulum_constant))
-    starts = starts & (off * off < OUTLIER**2 * (prior + p.start_noise**2))
+    # [sd] as on a belt, where the integrated speed is about zero; no start over ground is that far off
+    starts = starts & (off * off < 4.0**2 * (prior + p.start_noise**2))
     count = xp.sum(starts.astype(off.dtype))
     noise = 0.5 * p.start_noise**2 * (1.0 + 1.0 / xp.maximum(count, 1.0))
     share = xp.where(count > 0.0, prior / (prior + noise), 0.0)
@@ -108,10 +101,10 @@ def begun(inputs: WaistInputs) -> Values:
 
 
 def _turned(inputs: WaistInputs, intervals: Intervals) -> Values:
-    """(K,) bool: the walk has turned by more than `TURNED` since the bout began."""
+    """(K,) bool: the walk has turned by more than a radian since the bout began."""
     heading, first = xp.cumsum(intervals.turn), begun(inputs)
     row = xp.arange(first.shape[0], dtype=xp.int32)
-    away = xp.abs(heading - heading[first]) > TURNED
+    away = xp.abs(heading - heading[first]) > 1.0  # [rad] the bias has turned, and integration is unreliable
     return largest_so_far(xp.where(away, row, -1)) >= first
 
 
@@ -127,12 +120,14 @@ def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Valu
 
 def integrated_speed(
     p: WaistParams, inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals,
-    way: Callable[..., velocity_update.Covered] = velocity_update.updated,
+    initial: int = velocity_update.INITIAL,
 ) -> tuple[Values, Values]:  # fmt: skip
     """Mean speed over each interval by integration (K,) [m/s], and whether OFDRI was used over the interval."""
     known, start = bouts_begin(p, inputs, motion.forward)
     cycles = Cycles(inputs.cycle_begin, inputs.cycle_end, inputs.cycles)
-    covered = way(p.update, motion.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known)
+    covered = velocity_update.updated(
+        p.update, motion.forward, cycles, inputs.dt, start, mask=inputs.valid, known=known, initial=initial
+    )
     here = covered.displacement[inputs.at]
     duration = xp.where(intervals.duration > 0.0, intervals.duration, 1.0)
     ends = put(xp.zeros_like(inputs.valid), inputs.cycle_end, covered.kept > 0.5, "max")

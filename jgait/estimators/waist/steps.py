@@ -24,9 +24,6 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.signal import butterworth
 from jgait.types import Flags, Values
 
-SURGE_HZ = 6.0
-"""[Hz] Cut-off of the low-pass on the forward acceleration; it removes impacts at contacts from the trunk's speed."""
-
 
 class Intervals(NamedTuple):
     """Values over the interval that ends at each node; (K,) each, 0 at the first node and in padding."""
@@ -51,7 +48,7 @@ def intervals(p: WaistParams, inputs: WaistInputs, motion: TrunkMotion) -> Inter
 
     upward = xp.where(inputs.valid, motion.upward, 0.0)
     forward = xp.where(inputs.valid, motion.forward, 0.0)
-    gentle = butterworth.low_pass_until(forward, SURGE_HZ, rate, last)
+    gentle = butterworth.low_pass_until(forward, 6.0, rate, last)  # [Hz] removes impacts at contacts from the speed
     velocity = fast(integral(fast(xp.stack([upward, gentle], axis=1))))
     height, speed = fast(integral(velocity[:, :1]))[:, 0], velocity[:, 1]
     node = put(xp.zeros_like(inputs.valid), inputs.at, True)

@@ -13,8 +13,8 @@ last cycle, and between cycles that do not touch, the velocity is that of OFI. T
 trapezoids. If a recording has several bouts, OFI restarts at samples whose velocity is known, and the initial heel
 strikes are counted in each bout.
 
-`updated` is a `lax.scan` over cycles. The results are differentiable in the acceleration, the initial velocity,
-the highest cut-off and β; the gradient in ε and in the cycles' begin and end is zero.
+The results are differentiable in the acceleration, the initial velocity, the highest cut-off and β; the gradient in ε
+and in the cycles' begin and end is zero.
 
 Source: A. Köse, A. Cereatti, U. Della Croce, "Estimation of traversed distance in level walking using a single inertial
 measurement unit attached to the waist", 2011, section 2.1c.
@@ -29,13 +29,14 @@ Readings:
 from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
-from jgait.estimators.waist.ofdri import Cycles, Placed, direct_reverse_cycles, integral, placed, signal_and_steps
+from jgait.estimators.waist.ofdri import Cycles, direct_reverse_cycles, placed, signal_and_steps
 from jgait.estimators.waist.optimum import HIGHEST, optimum_cutoffs
 from jgait.params import Param, Parameter, documented, fixed, positive
+from jgait.signal.marks import marks
 from jgait.types import Flags, Values
 
 
@@ -67,26 +68,9 @@ class Covered(NamedTuple):
     valid: Flags  #: (K,) bool, the row holds a cycle.
 
 
-class Sampled(NamedTuple):
-    """The inputs that all methods of this module share, at samples (T,) or of cycles (K,)."""
-
-    acc: Values
-    steps: Values
-    cycles: Cycles
-    at: Placed
-    total: Values  #: integral of the acceleration since the first sample [m/s].
-    given: Values  #: bool, a velocity is known at the sample, and it is in no cycle.
-    start: Values  #: velocity by OFI alone from the last known one before the sample [m/s].
-    behind: Values  #: bool, that velocity was known after the last cycle ended.
-    anew: Values  #: (K,) bool, a velocity was known between the cycle before and this one, or there is none before.
-    begin: PyTree  #: (K,) velocity by OFI at the begin of the cycle from the last known one [m/s].
-    gap: Values  #: (K,) J from the end of the cycle before to the begin of this one [m/s].
-    change: Values  #: (K,) J over the cycle [m/s].
-
-
 def updated(
     p: VelocityUpdateParams, acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike = 0.0, *,
-    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None,
+    optimum: bool = True, mask: ArrayLike | None = None, known: ArrayLike | None = None, initial: int = INITIAL,
 ) -> Covered:  # fmt: skip
     """The velocity update.
 
@@ -100,68 +84,35 @@ def updated(
         mask: (T,) bool, False in the padding behind the last sample; None: no padding.
         known: (T,) bool, a bout begins with the velocity `start`. Samples in a cycle, its end included, are ignored.
             None: only the first sample.
+        initial: number of heel strikes of each bout that take their velocity from OFI; static.
     """
-    samples = sampled(acc, cycles, dt, start, mask, known)
-    number = jnp.arange(samples.anew.shape[0])
-    first = number - lax.cummax(jnp.where(samples.anew, number, 0)) < INITIAL - 1
-
-    def update_cycle(v: Values, cycle: Values) -> PyTree:
-        anew, begin, gap, gain, gated = cycle
-        kept = (gated & (jnp.abs(gain) < p.threshold)).astype(gain.dtype)
-        begun = jnp.where(anew, begin, v + gap)
-        return begun + (1.0 - kept) * gain, (begun, kept)
-
-    rows = (samples.anew, samples.begin, samples.gap, samples.change, samples.at.valid & ~first)
-    begun, kept = lax.scan(update_cycle, jnp.zeros_like(samples.acc[0]), rows)[1]
-    return covered(p, samples, begun, kept, optimum=optimum)
-
-
-def sampled(
-    acc: ArrayLike, cycles: Cycles, dt: ArrayLike, start: ArrayLike, mask: ArrayLike | None, known: ArrayLike | None
-) -> Sampled:
-    """The shared inputs; arguments as of `updated`."""
     values, steps = signal_and_steps(acc, dt, mask)
-    at, total = placed(cycles, values.shape[0]), integral(values, steps)
+    at = placed(cycles, values.shape[0])
+    begins, ends = marks(cycles.begin, cycles.end, values.shape[0], at.valid)
     given = jnp.zeros_like(at.inside) if known is None else jnp.asarray(known, bool) & ~at.inside
-    upto = lax.cummax(jnp.where(given, jnp.arange(values.shape[0], dtype=jnp.int32), -1))
-    before = jnp.concatenate([jnp.full_like(upto[:1], -1), upto[:-1]])
-    began = jnp.broadcast_to(jnp.asarray(start, values.dtype), values.shape) - total
+    speed = jnp.broadcast_to(jnp.asarray(start, values.dtype), values.shape)
+    gains = 0.5 * steps * (values + jnp.concatenate([values[:1], values[:-1]]))
 
-    def ofi(sample: Values, mark: Values) -> Values:
-        return began[jnp.maximum(mark, 0)] + total[sample]
+    def integrate(state: PyTree, sample: PyTree) -> PyTree:
+        """One sample: OFI's velocity, that at which the next interval begins, and G where a cycle ends."""
+        before, begun, count = state
+        gain, begin, end, anew, known_speed = sample
+        direct = before + gain
+        kept = end & (count >= initial - 1) & (jnp.abs(direct - begun) < p.threshold)
+        after = jnp.where(anew, known_speed, jnp.where(kept, begun, direct))
+        count = jnp.where(anew, 0, count + end.astype(jnp.int32))
+        return (after, jnp.where(begin, after, begun), count), (direct, after, kept)
 
-    begin, end = (jnp.asarray(each).astype(jnp.int32) for each in cycles[:2])
-    ended = jnp.where(at.ended > 0, end[jnp.maximum(at.ended - 1, 0)], -1)
-    last = jnp.concatenate([jnp.full_like(end[:1], -1), end[:-1]])  # sample at which the cycle before ended
-    gap, change = total[begin] - total[jnp.maximum(last, 0)], total[end] - total[begin]
-    return Sampled(
-        values, steps, cycles, at, total, given, ofi(jnp.arange(values.shape[0]), before), before >= ended,
-        (upto[begin] >= last) & at.valid, ofi(begin, upto[begin]), gap, jnp.where(at.valid, change, 0.0),
-    )  # fmt: skip
-
-
-def covered(p: VelocityUpdateParams, samples: Sampled, begun: Array, kept: Array, *, optimum: bool) -> Covered:
-    """Velocity at all samples, from the initial velocity of each cycle and the weight of OFDRI in it."""
-    cycles, at, total = samples.cycles, samples.at, samples.total
-    cutoff = optimum_cutoffs(samples.acc, cycles, 0.0, samples.steps, p.highest_hz) if optimum else 0.0
-    stop = begun + (1.0 - kept) * samples.change - total[cycles.end]
-    behind = jnp.where(samples.behind, samples.start, stop[jnp.maximum(at.ended - 1, 0)] + total)
-    direct = jnp.where(at.inside, (begun - total[cycles.begin])[at.number] + total, behind)
-    both = direct_reverse_cycles(samples.acc, cycles, begun, begun, samples.steps, cutoff, p.beta)
+    rows = (gains, begins, ends, given, speed)
+    direct, after, kept = lax.scan(integrate, (speed[0], speed[0], jnp.int32(0)), rows)[1]
+    begun, kept = (jnp.where(at.valid, v, 0.0) for v in (after[cycles.begin], kept[cycles.end].astype(values.dtype)))
+    cutoff = optimum_cutoffs(values, cycles, 0.0, steps, p.highest_hz) if optimum else 0.0
+    both = direct_reverse_cycles(values, cycles, begun, begun, steps, cutoff, p.beta)
     velocity = direct + jnp.where(at.inside, kept[at.number], 0.0) * (both - direct)
-    # At a mark the velocity may jump: the interval after the mark begins with the velocity after the jump.
-    jumps = (at.restart | samples.given)[:-1]
-    left = jnp.where(jumps, direct[1:] - jnp.diff(total), velocity[:-1])
-    return listed(samples, velocity, left, begun, kept)
-
-
-def listed(samples: Sampled, velocity: Array, left: Array, begun: Array, kept: Array) -> Covered:
-    """The results, from the velocity (T,), that at which the interval after each sample but the last begins (T − 1,),
-    and the initial velocity and the weight of OFDRI of the cycles (K,).
-    """
-    each = 0.5 * samples.steps[1:] * (left + velocity[1:])
-    way = jnp.concatenate([jnp.zeros_like(velocity[:1]), jnp.cumsum(each)])
-    there = samples.at.valid
-    begun, kept = (jnp.where(there, v, 0.0) for v in (begun, kept))
-    length = jnp.where(there, way[samples.cycles.end] - way[samples.cycles.begin], 0.0)
-    return Covered(velocity, way, begun, samples.change, kept, there & (kept < 0.5), length, there)
+    # at a mark the velocity may jump: the interval after it begins with the velocity after the jump
+    left = jnp.where(at.restart | given, after, velocity)[:-1]
+    way = jnp.concatenate([jnp.zeros_like(velocity[:1]), jnp.cumsum(0.5 * steps[1:] * (left + velocity[1:]))])
+    change, length = (
+        jnp.where(at.valid, v[cycles.end] - u, 0.0) for v, u in ((direct, begun), (way, way[cycles.begin]))
+    )
+    return Covered(velocity, way, begun, change, kept, at.valid & (kept < 0.5), length, at.valid)

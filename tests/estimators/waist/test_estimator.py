@@ -163,19 +163,6 @@ def test_a_gyroscope_that_contradicts_the_accelerometer_loses_no_part_of_the_wal
     assert flags["side_unknown"].all() and not right.diagnostics["side_unknown"].all()
 
 
-def test_walking_without_contacts_is_noted_and_in_the_deviation(bent, monkeypatch):
-    made, right = bent
-    imu = imu_of(turned(made.recording, SLOPING))
-    monkeypatch.setattr("jgait.estimators.waist.prepare.CONTRADICTS", np.pi)
-    told = estimated(worn(made.recording, gyr=np.asarray(imu.gyr)[:, [1, 2, 0]], acc=imu.acc))
-    (note,) = of_code(told.diagnostics["notes"], "walking_missed")
-    assert note.values["begin_s"] > 5.0 and note.values["seconds"] > 2.0
-    missing = made.distance - told.distance[-1]
-    assert 0.45 * missing < told.diagnostics["distance_stddev"][-1]
-    assert told.diagnostics["distance_stddev"][imu.time.searchsorted(4.0)] < 0.5
-    assert "walking_missed" not in codes(right.diagnostics["notes"])
-
-
 def test_a_turn_is_flagged_and_makes_integration_less_certain(bent):
     made, estimate = bent
     contacts_agree(made, estimate)
@@ -340,17 +327,16 @@ UNLIKE = {
         "are shorter or slower than those from which step lengths were learned, 1.05 m and more",
     ),
     "some slow strides": ([{}, {"speed": 0.45, "steps": 10}], "strides, of 0.86 m at 0.49 m/s"),
-    "a slower part": ([{"speed": 1.2}, {"speed": 0.7, "steps": 10}], "where strides of this walk usually last"),
 }
 
 
 @pytest.mark.parametrize("name", UNLIKE)
-def test_strides_slower_than_those_learned_from_or_than_the_others_are_noted_and_uncertain(name):
+def test_strides_slower_than_those_learned_from_are_noted_and_uncertain(name):
     parts, words = UNLIKE[name]
     estimate = estimated(joined(*[walk(**part).recording for part in parts]))
     assert words in notes(estimate)
-    strides, lasts = estimate.strides, estimate.strides.end - estimate.strides.start
-    slow = (strides.speed < 0.6) | (lasts > 1.2 * np.median(lasts))
+    strides = estimate.strides
+    slow = strides.speed < 0.6
     slow[-1] = False  # it ends beside standing, and is integrated
     share = estimate.strides_stddev.length / strides.length
     assert slow.sum() > 4 and np.all(share[slow] > 0.35)
@@ -399,18 +385,14 @@ def test_sides_of_people_whose_pelvis_turns_the_other_way(data, name):
     assert right[near].mean() > 0.95
 
 
-def test_limping_of_which_only_every_second_step_is_found_is_named_and_in_no_mean():
+def test_both_steps_of_who_limps_are_found():
     key, way = jax.random.key(0), simulate.straight(12.0)
     people = simulate.population(jax.random.key(5), 1, recorded=True)
     person = simulate.covering(key, simulate.walking(simulate.person_of(people, 0), "limping"), way)
     recording, truth = simulate.recording(key, person, way, placements=("waist",))
-    found = estimated(recording)
-    strides, true = found.strides, truth.strides
-    lasts = np.median((strides.end - strides.start)[strides.valid])
-    assert lasts > 1.5 * np.median((true.end - true.start)[np.asarray(true.valid)])
-    assert of_code(found.diagnostics["notes"], "walking_missed")
-    assert not regular(found, waist.estimator().about.flags).any()
-    assert not of_code(estimated(walk().recording).diagnostics["notes"], "walking_missed")
+    strides, true = estimated(recording).strides, truth.strides
+    lasts, usual = (np.median((each.end - each.start)[np.asarray(each.valid)]) for each in (strides, true))
+    assert lasts == pytest.approx(usual, rel=0.05)
 
 
 @pytest.mark.parametrize("steps_min", [165.0, 180.0])
