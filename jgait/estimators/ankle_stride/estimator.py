@@ -29,6 +29,7 @@ from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import LEVER_IMPLAUSIBLE, RATES_OFF
 from jgait.estimators.programs import compiled
+from jgait.estimators.readings import mean_over_interval
 from jgait.estimators.sides import along, of_turns, stacked
 from jgait.estimators.walking import cut_notes, cut_off
 from jgait.filtering import Belief
@@ -62,10 +63,6 @@ UNUSED = {
 def model_params(p: AnkleParams) -> FootModelParams:
     """The model's parameters; the foot's pivot is zero, because the lever is a state, and no height is observed."""
     return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, 0.0)
-
-
-def _mean_over_interval(values: Values) -> Values:
-    return xp.concatenate([values[:1], 0.5 * (values[1:] + values[:-1])])
 
 
 def control(p: AnkleParams, now: PyTree, rate: Values, gyr: Values, acc: Values) -> AnkleControl:
@@ -124,7 +121,7 @@ def _filtered(
     stands = leg.stands & leg.valid
     return filtering.infer(
         ankle_model.MODEL, model_params(p), AnkleObservation(xp.zeros_like(gyr)), smooth=options.smooth,
-        controls=control(p, leg, gyr, *(_mean_over_interval(v) for v in (gyr, acc))), dt=leg.dt,
+        controls=control(p, leg, gyr, *(mean_over_interval(v) for v in (gyr, acc))), dt=leg.dt,
         mask=AnkleObservation(stands), method=options.method, initial=prior_of(p, leg, gyr),
         covariance=("position", "attitude", *(("lever",) if levers else ())),
     )  # fmt: skip

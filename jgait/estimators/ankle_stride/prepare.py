@@ -4,8 +4,6 @@ This module makes the decisions: the sensor's axes, begin and end of strides, wh
 bias. Decisions carry no gradient; given the decisions, `ankle_stride.run` is differentiable.
 """
 
-from typing import Any
-
 import numpy as np
 
 from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
@@ -32,6 +30,7 @@ from jgait.estimators.notes import (
 )
 from jgait.estimators.plausible import QUICK_S
 from jgait.estimators.programs import bucket, compiled
+from jgait.estimators.readings import jumps, readings
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events.rest import longest_still
@@ -42,8 +41,8 @@ from jgait.mounting.places import FORWARD_UNSURE
 from jgait.mounting.shank import Axes
 from jgait.notes import Note
 from jgait.quality import SensorQuality
-from jgait.signal import butterworth, clipping
-from jgait.signal.windows import true_runs, window_maximum
+from jgait.signal import butterworth
+from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 WINDOW_S = 0.03
@@ -56,18 +55,6 @@ LOST_RATE, LOST_FORCE = (2.5, 0.2), (5.0, 1e-3)
 """([rad/s], [s]), ([m/s²], [s]) Error of linear interpolation over lost samples, see `bridged`. On
 moving shanks of three data sets (experiment `damage.gaps`) 0.9 rad/s and 3.2 m/s² over 0.2 s, 1.4 and 3.3 over 0.9 s;
 and half as much again for people who walk faster."""
-
-CLIPPED_RATE, CLIPPED_FORCE = 2.0, 40.0
-"""[rad/s], [m/s²] Standard deviation of the error of a clipped reading that is not restored. Chosen: the part that a
-range of ±4 g cuts off at the shanks of simulated runners."""
-
-CLIPS_ABOVE_RATE, CLIPS_ABOVE_FORCE = 4.0, 18.0
-"""[rad/s], [m/s²] Threshold on an axis's largest reading; above it, equal largest readings in a row are clipped."""
-
-CLIPS_FOR = 3
-"""[samples] Lower limit on the number of equal largest readings in a row that count as clipped."""
-
-LEAST_SECONDS = 1.0
 
 USUAL_HZ = 35.0
 """[Hz] Sampling rate below which strides are less certain than their filter states."""
@@ -128,7 +115,7 @@ def _checked(recording: Recording, names: list[str]) -> np.ndarray:
     rate, (low, high) = recording.sampling_rate_hz, shank_events.RATES
     if not low <= rate <= high:
         raise RecordingError(f"ankle_stride needs {low:g} to {high:g} Hz; the recording has {rate:g} Hz")
-    time = common_time(recording, names, "ankle_stride", "both legs", least_s=LEAST_SECONDS)
+    time = common_time(recording, names, "ankle_stride", "both legs", least_s=1.0)
     check_nominal_rate(time, names[0], rate)
     return time
 
@@ -174,21 +161,17 @@ def _leg(
     """Signals and decisions of one leg, facts and notes about the sensor, and the samples at which the leg stands
     still.
     """
-    mask = np.asarray(imu.mask, bool)
     notes: list[Note] = []
     quality = SensorQuality()
-    read_gyr, read_acc = (np.where(mask[:, None], as_float(values), 0.0) for values in (imu.gyr, imu.acc))
-    whole = shank_axes.filled(imu)
-    peaks = clipping.restored(whole.gyr)
-    forced = clipping.forces_clipped(read_acc, CLIPS_ABOVE_FORCE, CLIPS_FOR)
-    forces = clipping.restored_forces(whole.acc, forced | ~mask)
-    whole = whole._replace(gyr=peaks.signal, acc=forces.signal)
-    equal = clipping.at_limit(read_gyr, CLIPS_ABOVE_RATE, CLIPS_FOR) & ~peaks.clipped
-    turned = equal | peaks.clipped
-    still = longest_still(imu.gyr, rate_hz, mask=mask, threshold=shank_axes.RESTING, at_least_s=0.5)
+    # a range of ±4 g cuts off some 40 m/s² at the shanks of simulated runners
+    read = readings(imu, time, clips_above=(4.0, 18.0), doubt=(2.0, 40.0), least=3)
+    lost, gone = read.lost, not_bridged(read.lost, time)
+    still = longest_still(
+        imu.gyr, rate_hz, mask=np.asarray(imu.mask, bool), threshold=shank_axes.RESTING, at_least_s=0.5
+    )
     bias = shank_axes.rest_bias(imu, rate_hz) if options.standing else None
     bias = np.zeros(3) if bias is None else bias
-    at_rest = whole._replace(gyr=as_float(whole.gyr) - bias)
+    at_rest = imu._replace(gyr=read.gyr - bias, acc=read.acc)
     axes = shank_axes.functional_axes(at_rest)
     start = end = np.zeros(0)
     if axes is None:
@@ -204,30 +187,31 @@ def _leg(
             notes.append(FORWARD_UNSURE.note(text, placement=name))
     slow = _gentle(at_rest.gyr, rate_hz)
     speed = np.linalg.norm(slow, axis=1)
-    lost = ~mask | (np.diff(time, prepend=time[0]) > 1.5 / rate_hz)
-    swing_count = len(start)
+    missing = len(start)
     start, end, stood = _stances(slow @ axes.rows[1], speed, start, end, not_bridged(lost, time, LONGEST_LOSS), rate_hz)
-    missing = swing_count - len(start)
-    stands = _standing(stood, speed, rate_hz)
+    missing -= len(start)
+    stands = _standing(stood, speed, rate_hz) & ~lost
     start, end, stood = _kept(stood.rests.all(axis=1), start, end, stood)
     if len(start):
-        gentle = _gentle(whole.acc, rate_hz)
         valleys = stood.end[~stood.standing[:, 1]]
-        axes = shank_axes.stance_up(axes, gentle, valleys if len(valleys) else stood.end)
+        axes = shank_axes.stance_up(axes, _gentle(read.acc, rate_hz), valleys if len(valleys) else stood.end)
     if rate_hz < USUAL_HZ:
         notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
-    if options.standing and still is None:
+    rests = still if options.standing else None
+    if rests is not None:
+        off = float(np.linalg.norm(read.acc[slice(*rests)].mean(axis=0))) / GRAVITY - 1.0
+        quality = quality._replace(force_off=off)
+    elif options.standing:
         text = "it never stands still for half a second: its gyroscope's bias is left to the filter"
         notes.append(NO_FIRST_STANDING.note(text, placement=name))
-    if options.standing and still is not None:
-        off = float(np.linalg.norm(as_float(whole.acc)[slice(*still)].mean(axis=0))) / GRAVITY - 1.0
-        quality = quality._replace(force_off=off)
     if lost.any():
         notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
-    stands &= ~lost
-    gyr, acc = (as_float(values) @ axes.rows.T for values in (whole.gyr, whole.acc))
-    leg_signals = _signals(gyr, acc, time, stands, stood, rate_hz)
-    gone = not_bridged(lost, time)
+    gyr, acc = (values @ axes.rows.T for values in (read.gyr, read.acc))
+    gyr_jump, acc_jump = jumps(gyr, acc, rate_hz)
+    index, first = np.arange(len(time)), int(np.argmax(stands)) if stands.any() else len(time)
+    upright = acc[first : first + max(3, round(2 * WINDOW_S * rate_hz))] if stands.any() else acc
+    restart = np.zeros(len(time) + 1)
+    restart[stood.begin + 1] = 1.0
     measured = (
         (lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS) & ~gone[stood.begin] & ~gone[stood.end]
     )
@@ -237,23 +221,31 @@ def _leg(
         start, end, stood = _kept(measured, start, end, stood)
     last = float(np.median(time[stood.end] - time[stood.begin])) if len(start) else np.inf
     quality = quality._replace(
-        gyr_clipped=int(turned.sum()), acc_clipped=int(forced.sum()), lost=int(lost.sum()),
+        gyr_clipped=int(read.gyr_clipped.sum()), acc_clipped=int(read.acc_clipped.sum()), lost=int(lost.sum()),
         strides_missing=missing, quick_stride=last if last < QUICK_S else np.inf,
     )  # fmt: skip
     notes += shank_notes(name, quality)
-    over = bridged(lost, time, leg_signals["dt"], gyr, acc, LOST_RATE, LOST_FORCE)
-    rests = still if options.standing else None
+    dt = np.where(index > first, np.diff(time, prepend=time[0]), 0.0)
+    over = bridged(lost, time, dt, gyr, acc, LOST_RATE, LOST_FORCE)
     signals = AnkleSignals(
-        **(leg_signals | {"dt": over.dt}),
-        gyr_doubt=np.maximum(peaks.doubt, np.maximum(over.rate, CLIPPED_RATE * equal)),
-        acc_doubt=np.maximum(over.force, np.where(forces.clipped, forces.doubt, CLIPPED_FORCE * forced)),
+        gyr=gyr,
+        acc=acc,
+        gyr_jump=gyr_jump,
+        acc_jump=acc_jump,
+        gyr_doubt=np.maximum(read.gyr_doubt, over.rate),
+        acc_doubt=np.maximum(read.acc_doubt, over.force),
         stands=stands,
+        restart=restart[: len(time)],
+        dt=over.dt,
+        valid=index >= first,
+        last=np.asarray(len(time) - 1, np.int32),
         rate_hz=np.asarray(float(rate_hz)),
+        attitude=level(upright.mean(axis=0)),
         gyr_bias=axes.rows @ bias,
         still_time=np.asarray(0.0 if rests is None else (rests[1] - rests[0]) / rate_hz),
         mid_shank=np.asarray(float(name.startswith("shank"))),
         axes=axes.rows,
-        **_strides(start, end, stood, time, turned),
+        **_strides(start, end, stood, time, read.gyr_clipped),
         count=np.asarray(len(start), np.int32),
     )
     return signals, quality, notes, still
@@ -296,35 +288,6 @@ def _standing(stood: shank_stance.ShankStances, speed: np.ndarray, rate_hz: floa
     for first, last, pause in zip(edges[::2], edges[1::2], pauses[::2] & pauses[1::2], strict=True):
         flags[first:last] |= pause & (speed[first:last] < STANDING)
     return flags
-
-
-def _signals(
-    gyr: np.ndarray,
-    acc: np.ndarray,
-    time: np.ndarray,
-    stands: np.ndarray,
-    stood: shank_stance.ShankStances,
-    rate_hz: float,
-) -> dict[str, Any]:
-    """Signals, the sample at which the filter starts, and its first attitude."""
-    size = max(3, 2 * round(0.0075 * rate_hz) + 1)
-    jumps = [window_maximum(np.linalg.norm(np.gradient(values, axis=0), axis=1), size) for values in (gyr, acc)]
-    first = int(np.argmax(stands)) if stands.any() else len(time)
-    restart = np.zeros(len(time) + 1)
-    restart[stood.begin + 1] = 1.0
-    index = np.arange(len(time))
-    up = acc[first : first + max(3, round(2 * WINDOW_S * rate_hz))].mean(axis=0) if stands.any() else acc.mean(axis=0)
-    return {
-        "gyr": gyr,
-        "acc": acc,
-        "gyr_jump": jumps[0],
-        "acc_jump": jumps[1],
-        "restart": restart[: len(time)],
-        "dt": np.where(index > first, np.diff(time, prepend=time[0]), 0.0),
-        "valid": index >= first,
-        "last": np.asarray(len(time) - 1, np.int32),
-        "attitude": level(up),
-    }
 
 
 def _strides(

@@ -25,7 +25,7 @@ class FootSignals(NamedTuple):
     """Signals of one foot's sensor, with its stances and footholds."""
 
     gyr: Held  #: (T, 3) mean angular rate over the interval that ends at each sample [rad/s].
-    acc: Held  #: (T, 3) mean specific force over it, scaled to gravity at rest [m/s²].
+    acc: Held  #: (T, 3) mean specific force over it [m/s²].
     gyr_jump: Sampled  #: (T,) change of the rate from sample to sample, the largest over a short window [rad/s].
     acc_jump: Sampled  #: (T,) change of the specific force from sample to sample, likewise [m/s²].
     gyr_doubt: Sampled  #: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].

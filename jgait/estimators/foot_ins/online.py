@@ -31,30 +31,21 @@ from jgait import filtering
 from jgait.estimators import lagged
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.estimator import controls, model_params, prior_of
+from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.model import FootObservation
-from jgait.estimators.foot_ins.params import DEFAULT, FootParams
-from jgait.estimators.foot_ins.prepare import (
-    LOST_FORCE,
-    LOST_RATE,
-    REST_STEP,
-    STANCE_EDGE_S,
-    checked_clock,
-    errors_at_rest,
-)
+from jgait.estimators.foot_ins.params import FootParams
+from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REST_STEP, STANCE_EDGE_S, prepare
 from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, timed, walks_on
 from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.sides import entries
 from jgait.events import foot as events
-from jgait.events.rest import JOLT, rest
+from jgait.events.rest import JOLT
 from jgait.filtering import Belief
 from jgait.geometry.rotation import between, quaternion
 from jgait.geometry.vectors import Vector, as_array, root, vector, wrapped
-from jgait.signal.windows import over_losses
+from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides, Values
-
-ONLINE = DEFAULT._replace(smooth=False)
-"""Options of the estimator over the whole recording to which the online estimator corresponds."""
 
 HOLD_S = 0.1
 """[s] Duration for which a sample must stay the stillest to be the foothold."""
@@ -66,7 +57,6 @@ LEAST_DEPTH = 0.1
 class FootWorn(NamedTuple):
     """Mounting of a foot's sensor, from a recording; every leaf is an array."""
 
-    scale: Values  #: factor on the accelerometer [1].
     gyr_bias: Values  #: (3,) gyroscope bias at rest [rad/s].
     acc_bias: Values  #: accelerometer bias along the vertical, from gravity at rest [m/s²].
     still_time: Values  #: duration of rest over which the gyroscope bias was measured [s].
@@ -86,35 +76,28 @@ def worn(p: FootParams, recording: Recording, side: str) -> FootWorn:
     """
     del p
     name = f"foot_{side}"
-    time = checked_clock(recording, (side,))
-    imu = recording.sensors[name]
-    mask = np.asarray(imu.mask, bool)
-    gyr, acc = (over_losses(np.arange(len(time)), values, mask) for values in (imu.gyr, imu.acc))
-    hz = 1.0 / float(np.median(np.diff(time)))
-    at_rest = rest(gyr, acc, mask, hz)
-    scale, acc_bias, _ = errors_at_rest(at_rest, name, [])
-    free = gyr - at_rest.gyr_bias
-    stances = events.stances(free, acc * scale, hz)
-    if len(stances.start) < 3:
+    made = prepare(recording._replace(sensors={name: recording.sensors[name]})).inputs
+    foot: FootSignals = getattr(made, side)
+    if (stances := len(true_runs(foot.stands))) < 3:
         raise RecordingError(
-            f"a recording of walking is needed to know how '{name}' is worn; this one has {len(stances.start)} stances"
+            f"a recording of walking is needed to know how '{name}' is worn; this one has {stances} stances"
         )
+    hz = 1.0 / float(np.median(np.diff(made.time)))
     half, hold, around = (max(1, round(seconds * hz)) for seconds in (events.WINDOW / 2, HOLD_S, JUMP_S))
     sizes = (2 * half + 1, hold, 2 * around + 1, *(round(seconds * hz) for seconds in events.EROSION))
     return FootWorn(
-        np.asarray(scale), at_rest.gyr_bias, np.asarray(acc_bias), np.asarray(max(at_rest.time, 0.05)),
-        _toes_up(free, stances, hz), np.asarray(hz), np.asarray(SIDES.index(side), np.int32),
-        tuple(map(np.zeros, sizes)),
+        foot.gyr_bias, foot.acc_bias @ foot.up, foot.still_time, _toes_up(foot), np.asarray(hz),
+        np.asarray(SIDES.index(side), np.int32), tuple(map(np.zeros, sizes)),
     )  # fmt: skip
 
 
-def _toes_up(gyr: np.ndarray, stances: events.Stances, hz: float) -> np.ndarray:
+def _toes_up(foot: FootSignals) -> np.ndarray:
     """(3,) main axis of the rotation in swing; with its sign the heel rises before the toes in most strides."""
-    swinging = ~events.inside(stances, len(gyr))
-    axis = np.linalg.eigh(gyr[swinging].T @ gyr[swinging])[1][:, -1]
-    final, initial = events.contacts(gyr, stances, hz)
+    gyr, strides = np.asarray(foot.gyr - foot.gyr_bias), slice(int(foot.count) - 1)
+    swinging = gyr[~np.asarray(foot.stands)]
+    axis = np.linalg.eigh(swinging.T @ swinging)[1][:, -1]
     pitch = np.cumsum(gyr @ axis)
-    return np.asarray(axis if np.sign(pitch[initial] - pitch[final]).sum() >= 0.0 else -axis)
+    return np.asarray(axis * np.sign(np.sum(pitch[foot.initial_contact[strides]] - pitch[foot.final_contact[strides]])))
 
 
 class StanceThreshold(NamedTuple):
@@ -180,7 +163,7 @@ def lag(worn: FootWorn) -> int:
 def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> LaggedState:
     """The state after a long time in which each reading equals the first, (3,) in the sensor's axes [rad/s, m/s²]."""
     window, hold, change, after_start, _ = _sizes(worn)
-    row = _reading(worn, gyr, acc, jnp.ones((), bool))
+    row = _reading(gyr, acc, jnp.ones((), bool))
     zero, none, no = jnp.zeros_like(row[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
     rate = jnp.sqrt(jnp.sum((row[:3] - worn.gyr_bias) ** 2))
     quiet = jnp.zeros(after_start + hold + 2, row.dtype)
@@ -198,10 +181,10 @@ def _not_swung(time: Values) -> FootSwing:
     return FootSwing(jnp.zeros((), bool), zero, zero, time, zero, time, time, time, zero)
 
 
-def _reading(worn: FootWorn, gyr: Values, acc: Values, measured: Flags) -> Values:
+def _reading(gyr: Values, acc: Values, measured: Flags) -> Values:
     """(7,) a sample as it is stored."""
     lost = jnp.where(measured, 0.0, 1.0).astype(jnp.asarray(gyr).dtype)
-    return jnp.concatenate([jnp.asarray(gyr), jnp.asarray(acc) * worn.scale, lost[None]])
+    return jnp.concatenate([jnp.asarray(gyr), jnp.asarray(acc), lost[None]])
 
 
 def _prior(p: FootParams, worn: FootWorn, reading: Values) -> Belief:
@@ -285,7 +268,7 @@ def _decide(
     """One sample: the detector at the middle of its newest window, and what follows for the filter's sample."""
     gyr, acc, there = sample
     _, _, change, k, before_end = _sizes(worn)
-    newest = jnp.where(there, _reading(worn, gyr, acc, there), state.samples[-1].at[6].set(1.0))
+    newest = jnp.where(there, _reading(gyr, acc, there), state.samples[-1].at[6].set(1.0))
     index = state.index + 1
     samples = _pushed(state.samples, newest)
     statistic, threshold = _detected(worn, samples, state.threshold)
