@@ -23,7 +23,6 @@ from experiments.silva2017.lever import LEARNED_SD, held_out, prepared, together
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
 from jgait.estimators.ankle_stride import online as ankle_online
-from jgait.estimators.ankle_stride.online import ONLINE
 from jgait.estimators.lagged import LaggedNow
 from jgait.estimators.online.device import Structure, packed, unpacked
 from jgait.geometry.arrays import compiler_options
@@ -174,7 +173,7 @@ def device_walk(leg: Leg, p: AnkleParams) -> tuple[Strides, Strides]:
     mine = jax.tree.map(lambda column: column[flags["known"] < count], strides)
     start = float(np.asarray(leg.imu.time)[0])
     mine = mine._replace(**{name: getattr(mine, name) + start for name in ("start", "final_contact", "end")})
-    return mine, ankle_stride.estimate(p, recording, AnkleOptions(smooth=ONLINE.smooth)).strides
+    return mine, ankle_stride.estimate(p, recording, AnkleOptions(smooth=False)).strides
 
 
 def errors(leg: Leg, strides: Strides) -> np.ndarray:

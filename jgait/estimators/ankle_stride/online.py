@@ -15,15 +15,14 @@ Deviations from `ankle_stride` without smoothing, which integrates signals filte
     3. The valley is the first minimum that lasts, not the least rate in a part of the time between two swings.
     4. Standing is a leg that has hardly turned for `CALM_S`.
     5. A stride is read where the window of zero velocities around its valley ends, not in its middle.
-    6. A stride that lasts far longer than the usual one of the leg so far is in doubt (`LONG`): small steps in between
-       may have been missed.
-    7. Nothing is known of a reading's range, so that clipped swings are not noticed.
+    6. Nothing is known of a reading's range, so that clipped swings are not noticed.
 """
 
 from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import PyTree
 
 from jgait import filtering
@@ -33,24 +32,62 @@ from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import control, model_params, standing_prior
 from jgait.estimators.ankle_stride.model import AnkleObservation
 from jgait.estimators.ankle_stride.params import AnkleParams
-from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING
-from jgait.estimators.ankle_stride.worn import ONLINE, Worn, worn
-from jgait.estimators.lagged import LaggedMotion, LaggedSample, LaggedSignals, LaggedState
+from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING, WINDOW_S, prepare
+from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.filtering import Belief
 from jgait.geometry.rotation import between
 from jgait.geometry.vectors import Vector, as_array, vector, wrapped
+from jgait.notes import record
 from jgait.signal import butterworth
-from jgait.types import Counts, Flags, Strides, Values
+from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides, Values
 
-__all__ = ["ONLINE", "STEPS", "Worn", "begin", "over", "worn"]
+HOLD_S, LANDING_S, CALM_S = 0.2, 0.25, 0.5
+"""[s] Durations for which a minimum of the stance rate must stay the lowest to count as the valley, for which the foot
+lands after a swing (valleys before the highest rate in it do not count), and for which the leg turns slowly (see
+`prepare.STANDING`) before it counts as standing."""
 
 
-LONG, WEIGHT = 1.5, 0.25
-"""[1] Duration of a stride over the usual one of the leg from which on it is in doubt: the leg may have been down in
-between; weight of a stride in the usual duration."""
+@record
+class Worn(NamedTuple):
+    """Mounting of a sensor, from a recording; every leaf is an array."""
+
+    axes: Values  #: (3, 3) forward, left and up in the sensor's axes.
+    gyr_bias: Values  #: (3,) gyroscope bias while standing, in the segment's axes [rad/s].
+    still_time: Values  #: duration of the standing from which that bias was measured [s]; 0: the leg never stood still.
+    mid_shank: Values  #: 1 if the sensor is at mid shank, 0 at the ankle.
+    rate_hz: Values  #: sampling rate.
+    side: Counts  #: 0 right, 1 left.
+    samples: Counts  #: (4,) `HOLD_S`, `LANDING_S`, `CALM_S` and the half width `WINDOW_S` of a stance in samples.
+    shift: Values  #: delay of the stance rate relative to the integrated signals, in samples.
+    #: one zero for each sample of the filter's lag, for each stored change of the readings, and for those around the
+    #: sample that is integrated: their numbers, known when a program is compiled.
+    lengths: tuple[Values, ...]
+
+
+def worn(p: AnkleParams, recording: Recording, side: str) -> Worn:
+    """Mounting of the sensor of one side, "right" or "left", from a recording of standing and walking; on the host.
+
+    Raises:
+        RecordingError: as `ankle_stride.prepare.prepare`; no sensor on that side, or one that does not walk.
+    """
+    number = SIDES.index(side)
+    leg = prepare(recording).inputs[1 + number]
+    if leg is None or int(leg.count) == 0:
+        what = "has no sensor there" if leg is None else "does not walk there"
+        raise RecordingError(f"a recording of walking is needed to know how the {side} sensor is worn; this one {what}")
+    hz = recording.sampling_rate_hz
+    late, slow = (float(butterworth.delay(cutoff, hz)) for cutoff in (p.cutoff_hz, shank_stance.CUTOFF_HZ))
+    shift = max(0, round((slow - late) * hz))
+    hold, *_, reach = samples = [max(1, round(seconds * hz)) for seconds in (HOLD_S, LANDING_S, CALM_S, WINDOW_S)]
+    around = max(1, round(JUMP_S * hz))
+    sizes = (hold + reach + shift, max(round(late * hz) + around, 2 * around + 1), 2 * around + 1)
+    return Worn(
+        leg.axes, leg.gyr_bias, leg.still_time, leg.mid_shank, leg.rate_hz, np.asarray(number, np.int32),
+        np.asarray(samples, np.int32), np.asarray(shift, np.int32), tuple(map(np.zeros, sizes)),
+    )  # fmt: skip
 
 
 class OnlineSwing(NamedTuple):
@@ -78,21 +115,18 @@ class AnkleDetector(NamedTuple):
     swung: OnlineSwing  #: swings since the last stride.
     started: Flags  #: whether the leg has stood, so that the filter has started.
     landed: Values  #: end of the last stride's swing [s]; −∞ before the first stride.
-    usual: Values  #: usual duration of the leg's strides so far [s]; 0 before the second stride.
     lost: Values  #: time without samples since the stride began [s].
 
 
 class _AnkleEvents(NamedTuple):
     """What the strides need at the filter's sample: whether it is an instant of standing, not of a valley; whether a
-    swing ends here; the swings since the last instant, the end of the one before them [s], and whether they last far
-    longer than the strides before.
+    swing ends here; the swings since the last instant, and the end of the one before them [s].
     """
 
     half: Flags
     ends: Flags
     swung: OnlineSwing
     landed: Values
-    long: Flags
 
 
 type Filters = tuple[PyTree, ...]
@@ -121,7 +155,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> LaggedState:
     detector = AnkleDetector(
         none - 1, jnp.stack([x, x]), low_passed, shank_events.begin(rates[1], zero), jnp.zeros((changes, 2), x.dtype),
         history, shank_stance.begin(rates[1]), none - 2**30, none, OnlineSwing(zero, zero, none, no), no,
-        zero - jnp.inf, zero, zero,
+        zero - jnp.inf, zero,
     )  # fmt: skip
     return lagged.begin(STEPS, p, worn, detector, x)
 
@@ -137,7 +171,7 @@ def _seen(
     worn: Worn, filters: Filters, state: AnkleDetector, gyr: Values, acc: Values, measured: Flags
 ) -> tuple[AnkleDetector, Values]:
     """The state after event detection at the newest sample, and the row (10,) for the history."""
-    there = jnp.asarray(measured)
+    there, (hold, landing, calm, _) = jnp.asarray(measured), worn.samples
     x = jnp.where(there, _reading(worn, gyr, acc), state.last[1])
     index = state.index + 1
     rates = x[:3] - worn.gyr_bias
@@ -149,13 +183,12 @@ def _seen(
     swings, swing_events = shank_events.swing_step(shank_events.LOBES, state.swings, rate, time)
     leaves = (swings.phase == shank_events.TOE_OFF) | (swings.phase == shank_events.SWING)
     phase = shank_stance.Phase(swing_events.stride, leaves)
-    valley, lasted = shank_stance.step(state.valley, index, slowly[1], phase, worn.hold, worn.landing)
+    valley, lasted = shank_stance.step(state.valley, index, slowly[1], phase, hold, landing)
     turns_slowly = jnp.sum(slowly * slowly) < STANDING**2
-    slow = jnp.where(turns_slowly, jnp.minimum(state.slow, worn.calm) + 1, 0).astype(jnp.int32)
+    slow = jnp.where(turns_slowly, jnp.minimum(state.slow, calm) + 1, 0).astype(jnp.int32)
     change = 0.5 * (x - state.last[0]).reshape(2, 3)
     jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
     jump = jnp.max(jumps[: worn.lengths[2].shape[-1]], axis=0)
-    calm = (slow >= worn.calm).astype(x.dtype)
     late = butterworth.delay(shank_events.LOBES.cutoff_hz, worn.rate_hz)
     swung = OnlineSwing(
         leaves=jnp.where(swing_events.stride & ~state.swung.any, swing_events.start - late, state.swung.leaves),
@@ -167,7 +200,9 @@ def _seen(
         index=index, last=jnp.stack([state.last[1], x]), low_passed=(signals, stance, sagittal), swings=swings,
         valley=valley, stood=jnp.where(lasted, valley.at, state.stood), slow=slow, jumps=jumps, swung=swung,
     )  # fmt: skip
-    return after, jnp.concatenate([smooth, jump, jnp.where(there, 0.0, 1.0)[None], calm[None]])
+    return after, jnp.concatenate(
+        [smooth, jump, jnp.where(there, 0.0, 1.0)[None], (slow >= calm)[None].astype(x.dtype)]
+    )
 
 
 def _decide(
@@ -181,27 +216,21 @@ def _decide(
     full = index >= rows
     # the sample of the stance rates that was measured at the time of the filter's sample
     looked = index - rows + worn.shift
-    near = full & (jnp.abs(looked - state.stood) <= worn.reach)
+    near = full & (jnp.abs(looked - state.stood) <= worn.samples[3])
     stands = (near | (calm & full)) & (row[8] == 0.0)
     started = state.started | stands
-    passed = near & (looked == state.stood + worn.reach)
+    passed = near & (looked == state.stood + worn.samples[3])
     instant = started & (passed | (calm & full))
     ends = instant & state.swung.any & (looked >= state.swung.known)
     lost = state.lost + (row[8] > 0.0).astype(row.dtype) / worn.rate_hz
-    lasts, most = state.swung.lands - state.landed, LONG * state.usual
-    follows = ends & (state.swung.leaves - state.landed <= shank_stance.PAUSE_S)
-    known = follows & (state.usual > 0.0)
     lagged_sample = LaggedSample(
         row[:6], row[6:8], row[3:6], row[8], lost, stands, state.started, instant,
-        _AnkleEvents(~passed, ends, state.swung, state.landed, known & (lasts > most)),
+        _AnkleEvents(~passed, ends, state.swung, state.landed),
     )  # fmt: skip
     # all rows are written: setting one would be a scatter, which XLA does not compile as a part of a loop
     history = jnp.where(jnp.arange(rows, dtype=index.dtype)[:, None] == index % rows, newest[None], state.history)
-    usual = jnp.where(
-        known, state.usual + WEIGHT * (jnp.minimum(lasts, most) - state.usual), jnp.where(follows, lasts, state.usual)
-    )
     after = state._replace(
-        history=history, started=started, swung=state.swung._replace(any=state.swung.any & ~ends), usual=usual,
+        history=history, started=started, swung=state.swung._replace(any=state.swung.any & ~ends),
         landed=jnp.where(ends, state.swung.lands, state.landed), lost=jnp.where(instant, 0.0, lost),
     )  # fmt: skip
     return after, lagged_sample
@@ -220,7 +249,7 @@ def _strides(
     p: AnkleParams, worn: Worn, at: LaggedSample, motion: LaggedMotion
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """The strides that would end at each of the filter's samples (T,), standard deviations, and flags."""
-    mean, (half, ends, swung, landed, long) = motion.posterior.mean, at.events
+    mean, (half, ends, swung, landed) = motion.posterior.mean, at.events
     way = ankle_strides.measured(vector(mean.position), ankle_strides.across(motion.posterior.cov))
     here, there = (ankle_strides.Heading(*yaw) for yaw in (motion.here, motion.there))
     follows = swung.leaves - landed <= shank_stance.PAUSE_S
@@ -233,8 +262,7 @@ def _strides(
     stddev = ankle_strides.deviations(p, strides, way, here, there, duration)
     away = ankle_strides.off(vector(mean.lever), ankle_strides.lever_of(p, worn)) > ankle_strides.FARTHEST_OFF
     strides, stddev, doubt = lagged.judged("ankle_stride", strides, stddev, motion.nis)
-    doubt = doubt | away | long
-    return strides, stddev, ankle_strides.flags(strides, half=~follows | half, doubtful=doubt)
+    return strides, stddev, ankle_strides.flags(strides, half=~follows | half, doubtful=doubt | away)
 
 
 STEPS = lagged.Steps(
