@@ -26,4 +26,4 @@ def observation(params: WidthModelParams, state: WidthState, control: WidthContr
 MODEL = width_model.MODEL._replace(transition=transition, observation=observation)
 
 run = partial(stride_width_ekf.run, model=MODEL)
-"""As `stride_width_ekf.run`, with the printed model; options need `check_swap=False`, for turns come out wrong."""
+"""As `stride_width_ekf.run`, with the printed model."""

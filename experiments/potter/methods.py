@@ -27,7 +27,7 @@ METHODS: dict[str, Method] = {
     "ekf": by(PAPER),
     "rts": by(DEFAULT),
     "unscented_rts": by(DEFAULT._replace(method=filtering.UKF())),
-    "literal": by(PAPER._replace(check_swap=False), literal.run),
+    "literal": by(PAPER, literal.run),
 }
 TITLES = {
     "ekf": "EKF, as the paper's", "rts": "iterated EKF + RTS, the default", "unscented_rts": "unscented + RTS",

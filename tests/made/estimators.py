@@ -143,7 +143,7 @@ def _stride_width_ekf() -> Case:
     walks = [footsteps.drifting(footsteps.footsteps(seed, before=9, turn=2, after=5), seed) for seed in (3, 4)]
     ready = [stride_width_ekf.prepare_from_feet(w.time, w.feet, w.mids, w.read) for w in walks]
     samples = max(len(made.inputs.time) for made in ready) + 12
-    options = stride_width_ekf.DEFAULT._replace(check_swap=False)
+    options = stride_width_ekf.DEFAULT
     inputs = tuple(pad(made.inputs, samples) for made in ready)
     lengths = tuple(len(made.inputs.time) for made in ready)
     return Case(

@@ -23,12 +23,8 @@ How far to trust it:
     is not measured. Changes from stride to stride are: on `gaitmap_example` their error is 0.8 cm, see
     `stride_width_ekf.passings`. Between ranges, the standard deviation of widths grows with the distance walked;
     `diagnostics["width_valid"]` is False where it is above `WidthOptions.widest_stddev`.
-    No width is valid, and a note says so, if more than a quarter of the passings have ranges that are too long or
-    unlike those around, or if more than 30 % of the ranges do not fit the paths of the feet. A constant error of the
-    range, such as a wrong offset or scale, cannot be detected.
-    Exchanged sensors of left and right foot are detected in turns and by steps of varying width.
-    `diagnostics["swap_evidence"]` is the log-likelihood of the ranges with the feet as labelled minus that with the
-    feet exchanged [nat]; below −6 a note states that the feet seem to be exchanged, and the labels are not changed.
+    No width is valid, and a note says so, if more than 30 % of the ranges do not fit the paths of the feet. A constant
+    error of the range, such as a wrong offset or scale, cannot be detected, nor can exchanged sensors of both feet.
     A delay of the range's clock is estimated and removed. A difference δ between the clocks of the feet cannot be
     separated from unequal steps: the steps of one foot are too long and those of the other too short by v δ / 2, with v
     the relative speed of the feet at the passing (8 cm for 50 ms in the paper's protocol); widths outside of turns stay

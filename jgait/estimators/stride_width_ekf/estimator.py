@@ -1,6 +1,5 @@
 """From the feet's paths and the range between them to stride widths."""
 
-import jax
 import jax.numpy as jnp
 
 from jgait import filtering
@@ -8,14 +7,13 @@ from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.interface import Estimator, Prepared, with_measures
 from jgait.estimators.programs import compiled
-from jgait.estimators.sides import stacked
 from jgait.estimators.stride_width_ekf import model as stride_width_model
 from jgait.estimators.stride_width_ekf import readout as stride_width_readout
 from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, measured_only, merged
-from jgait.estimators.stride_width_ekf.inputs import WidthInputs, exchanged
+from jgait.estimators.stride_width_ekf.inputs import WidthInputs
 from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelParams, WidthObservation
-from jgait.estimators.stride_width_ekf.notes import FEET_SEEM_EXCHANGED, RANGES_MISFIT
+from jgait.estimators.stride_width_ekf.notes import RANGES_MISFIT
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
 from jgait.filtering import Belief, Covariance, Model
@@ -30,9 +28,6 @@ MOST_MISFITS = 0.3
 """[1] Share of misfits above which no width is valid; 5 % are expected. Chosen: simulated walks of ten gaits, and a
 recorded one with distances between markers, have fewer; ranges of which half are far too short, and ranges that are
 read at any moment, have more."""
-
-SWAP = 6.0
-"""[nat] Below minus this value of `swap_evidence` a note states that the feet seem to be exchanged."""
 
 
 def model_params(p: WidthParams) -> WidthModelParams:
@@ -61,15 +56,6 @@ def _states(p: WidthParams, inputs: WidthInputs, options: WidthOptions, model: M
     )  # fmt: skip
 
 
-def _evidence(inferred: filtering.Inferred, other: filtering.Inferred) -> Values:
-    """Log-likelihood of the ranges with the feet as labelled, minus that with the feet exchanged [nat].
-
-    It is divided by the smaller mean normalised innovation squared of both, if that is above 1.
-    """
-    gained = inferred.log_likelihood - other.log_likelihood
-    return gained / xp.maximum(xp.minimum(inferred.nis, other.nis), 1.0)
-
-
 def _misfits(inferred: filtering.Inferred) -> Values:
     """Number of ranges with an innovation above `MISFIT`, across or along, whichever is larger."""
     filtered = inferred.filtered  # where masked, innovations are 0 and their deviations 1
@@ -88,11 +74,9 @@ def run(
         frame, heights of `inputs`; no velocity, no attitude). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
         [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; number of `ranges` used,
         and of `misfits` among them, see `MISFIT`; `log_likelihood` of the innovations and their mean normalised square
-        `nis`; `swap_evidence`.
+        `nis`.
     """
-    ways = (inputs, exchanged(inputs)) if options.check_swap else (inputs,)
-    every = compiled(_states, over=(None, 0))(p, stacked(*ways), options=options, model=model)
-    inferred, *others = (jax.tree.map(lambda leaf, row=row: leaf[row], every) for row in range(len(ways)))
+    inferred = compiled(_states)(p, inputs, options=options, model=model)
     mean, cov = inferred.mean, inferred.cov
     used, misfits = xp.sum(inputs.range_measured & inputs.valid & ~inputs.usual), _misfits(inferred)
     offset_noise = xp.where(inputs.usual, p.people_noise, p.offset_noise).astype(mean.x_right.dtype)
@@ -111,8 +95,6 @@ def run(
         "log_likelihood": inferred.log_likelihood,
         "nis": inferred.nis,
     }
-    if others:
-        diagnostics["swap_evidence"] = xp.where(inputs.usual, 0.0, _evidence(inferred, *others))
     level = xp.zeros_like(inputs.height_right)
     feet = Feet(
         _track(mean.x_right, mean.y_right, inputs.height_right),
@@ -193,13 +175,7 @@ def estimate(
 
 
 def _finished(result: Estimate, made: Prepared[WidthInputs]) -> Estimate:
-    """The estimate with notes if feet seem exchanged or ranges do not fit; merged into that of `foot_ins` if made from
-    sensors.
-    """
-    evidence = result.diagnostics.get("swap_evidence")
-    if evidence is not None and float(evidence) <= -SWAP:
-        note = FEET_SEEM_EXCHANGED(nats=-float(evidence))
-        result.diagnostics["notes"] = (*result.diagnostics["notes"], note)
+    """The estimate with a note if ranges do not fit; merged into that of `foot_ins` if made from sensors."""
     ranges, misfits = int(result.diagnostics["ranges"]), int(result.diagnostics["misfits"])
     if ranges and misfits > max(MOST_MISFITS * ranges, 1):
         note = RANGES_MISFIT(misfits=misfits, ranges=ranges)

@@ -83,17 +83,12 @@ def _strides(alone: Estimate, together: Estimate) -> tuple[Strides, Strides, np.
     """Strides with the filter's width and step length, standard deviations, and rows of the filter, −1 for none."""
     ours, theirs = alone.strides, together.strides
     matches = np.full(len(ours.side), -1)
-    for number in range(2):
-        rows = np.flatnonzero(ours.side == number)
-        index = np.flatnonzero((np.asarray(theirs.side) == number) & np.asarray(theirs.valid))
-        if not index.size:
-            continue
-        starts = np.asarray(theirs.standing)[index]
-        place = np.clip(np.searchsorted(starts, ours.standing[rows] + 1e-6, side="right") - 1, 0, index.size - 1)
-        inside = (ours.standing[rows] + 1e-6 >= starts[place]) & (
-            ours.standing_end[rows] - 1e-6 <= np.asarray(theirs.standing_end)[index][place]
-        )
-        matches[rows] = np.where(inside, index[place], -1)
+    for side in (0, 1):
+        rows = np.flatnonzero(ours.side == side)
+        index = np.flatnonzero((np.asarray(theirs.side) == side) & np.asarray(theirs.valid))
+        starts, ends = (np.asarray(part)[index] for part in (theirs.standing, theirs.standing_end))
+        for row, middle in zip(rows, 0.5 * (ours.standing + ours.standing_end)[rows], strict=True):
+            matches[row] = max(index[(starts < middle) & (middle < ends)], default=-1)
 
     def with_widths(table: Strides, other: Strides) -> Strides:
         # a stride without a row of the filter takes what is behind the last one

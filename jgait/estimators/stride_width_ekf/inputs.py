@@ -45,14 +45,3 @@ class WidthInputs(NamedTuple):
     start_heading: np.ndarray  #: (2,) heading of the right and of the left foot before the first moment [rad].
     strides: Annotated[StrideRows, Axis()]  #: strides and the moments at which they end.
     valid: Sampled  #: (N,) bool, False for padding.
-
-
-def exchanged(inputs: WidthInputs) -> WidthInputs:
-    """The inputs of the filter with right and left foot exchanged; the rows of strides are not."""
-    return inputs._replace(
-        right=inputs.left,
-        left=inputs.right,
-        height_right=inputs.height_left,
-        height_left=inputs.height_right,
-        start_heading=inputs.start_heading[::-1],
-    )

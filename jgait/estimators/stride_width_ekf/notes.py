@@ -1,6 +1,6 @@
 """Kinds of notes of `stride_width_ekf` about a recording."""
 
-from jgait.notes import LOSSES, NO_RANGE, WRONG_PLACE, Kind
+from jgait.notes import LOSSES, NO_RANGE, Kind
 
 FOOT_BRIDGED = Kind(
     "foot_bridged", "check", "the {side} foot is not known at {samples} {samples:sample|samples}; bridged", LOSSES
@@ -47,20 +47,4 @@ RANGE_LATE = Kind(
     "corrected",
     "the range's clock is {late_ms:.0f} ± {stddev_ms:.0f} ms late; corrected",
     "The range sensor ran behind the inertial sensors; its times were shifted.",
-)
-
-RANGE_CLOCK_UNKNOWN = Kind(
-    "range_clock_unknown",
-    "check",
-    "the range's clock is not corrected: the {passings} times at which the feet pass each other fit no delay of up to "
-    "{latest_ms:.0f} ms",
-    "The range sensor may run much behind or ahead of the inertial sensors. Widths and step lengths are then wrong by "
-    "centimetres; give the ranges the times of the inertial sensors.",
-)
-
-FEET_SEEM_EXCHANGED = Kind(
-    "feet_seem_exchanged",
-    "check",
-    "left and right foot seem to be exchanged: so the ranges are {nats:.0f} nats likelier",
-    WRONG_PLACE,
 )

@@ -23,14 +23,9 @@ NEARLY = 0.1  # m; readings up to this much above the shortest belong to its pas
 COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach and departure of the foot
 FEWEST_ON_PARABOLA = 3  # readings; least number for a parabola
 NEIGHBOURS = 4  # passings before and after with which a passing is compared
-MOST_ODD = 0.25
-"""[1] Share of passings whose ranges are too long or unlike those around above which no range is used. Chosen: few
-are in simulated walks of ten gaits, a third and more where ranges are random or in feet."""
-
 LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
 LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory
 FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the delay
-ENOUGH_PASSINGS = 4 * FEWEST_PAIRS  # passings beside turns of which so many are pairs, if the clock is right
 
 
 def prepare_from_feet(
@@ -109,15 +104,8 @@ def _usable(
     if not near.any():
         within = f" within {options.longest_range:g} m" if measured.any() else ""
         return _none(f"the range sensor measured nothing{within}")
-    far = _far_passings(times[measured].astype(float), near[measured])
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
     odd = _outliers(distances, options.outlier)
-    wrong, passings = far + int(np.sum(odd)), far + len(distances)
-    if wrong > max(MOST_ODD * passings, 1):
-        return _none(
-            f"{wrong} of {passings} passings have a range above {options.longest_range:g} m or unlike those around, "
-            "none is used"
-        )
     times, distances = times[~odd], distances[~odd]
     delay, stddev = _delay(pair, turning, times) if options.align_range else (0.0, np.inf)
     times = times - delay
@@ -130,8 +118,6 @@ def _usable(
     notes = [kinds.RANGES_LEFT_OUT(ranges=which.sum(), why=why) for why, which in left_out.items() if which.any()]
     if abs(delay) > max(0.01, 3.0 * stddev):
         notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
-    if options.align_range and not np.isfinite(stddev) and np.sum(usable) > ENOUGH_PASSINGS:
-        notes.append(kinds.RANGE_CLOCK_UNKNOWN(passings=np.sum(usable), latest_ms=1e3 * LATEST))
     if not usable.any():
         notes.append(kinds.RANGE_ABSENT(why="no range is left"))
     return times[usable], distances[usable], notes
@@ -155,13 +141,6 @@ def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.
     groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > TOGETHER) + 1)
     passings = [passing for g in groups for passing in _nearest(times[g], distances[g])]
     return np.array([time for time, _ in passings]), np.array([distance for _, distance in passings])
-
-
-def _far_passings(times: np.ndarray, near: np.ndarray) -> int:
-    """Number of groups of readings, as in `_passings`, of which none is near."""
-    order = np.argsort(times, kind="stable")
-    splits = np.flatnonzero(np.diff(times[order]) > TOGETHER) + 1
-    return sum(not group.any() for group in np.split(near[order], splits))
 
 
 def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, float]]:

@@ -57,48 +57,39 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
     between.
     """
     at, left = rows.moment, rows.side == 1
-    ends = xp.stack(states, axis=1)[at]
-    order, sign = xp.asarray(_EXCHANGED), xp.asarray(_SIGNS, ends.dtype)
-    of_foot = WidthState(*xp.where(left[:, None], sign[None] * ends[:, order], ends).T)
-    dense = cov.dense()[at]
-    turned = xp.where(left[:, None, None], xp.outer(sign, sign)[None] * dense[:, order][:, :, order], dense)
-    (length, width, step), (length_stddev, width_stddev, step_stddev) = with_stddev(_of_right, of_foot, turned)
+    ends = WidthState(*(part[at] for part in states))
+    (length, width, step), (length_stddev, width_stddev, step_stddev) = (
+        [xp.where(left, of_left, of_right) for of_right, of_left in zip(part[:3], part[3:], strict=True)]
+        for part in with_stddev(_of_strides, ends, cov.dense()[at])
+    )
     line = rows.valid & rows.passed & (length >= SHORTEST_LINE)
-    side = xp.where(left, -1.0, 1.0).astype(width.dtype)
     nothing, zero = xp.nan, xp.zeros_like(width)
     values = Strides(
         rows.side, rows.start, rows.final_contact, rows.end, xp.where(rows.valid, length, zero),
-        xp.where(line, side * width, nothing), rows.height, rows.valid, rows.standing, rows.standing_end,
+        xp.where(line, width, nothing), rows.height, rows.valid, rows.standing, rows.standing_end,
         xp.where(rows.valid, length / xp.where(rows.valid, rows.standing_end - rows.standing, 1.0), zero),
         rows.turn, step_length=xp.where(line, step, nothing),
     )  # fmt: skip
-    spread = Strides(
+    deviations = Strides(
         rows.side, zero, zero, zero, xp.where(rows.valid, length_stddev, zero),
         xp.where(line, xp.hypot(width_stddev, p.offset_noise), nothing), zero, rows.valid,
         step_length=xp.where(line, xp.hypot(step_stddev, p.passing_offset_noise), nothing),
     )  # fmt: skip
-    return values, spread
+    return values, deviations
 
 
-_PLACES = {field: number for number, field in enumerate(WidthState._fields)}
-_EXCHANGED = tuple(
-    _PLACES.get(f.replace("right", "left") if "right" in f else f.replace("left", "right"), _PLACES[f])
-    for f in WidthState._fields
-)
-_SIGNS = tuple(-1.0 if f.startswith("apart") else 1.0 for f in WidthState._fields)
-"""Places and signs of the components with right and left foot exchanged, so that the striding foot is the right one.
-The place of the right foot stays, which no width needs.
-"""
+def _of_strides(state: WidthState) -> tuple[Values, ...]:
+    """Length, width and step length of a stride of the right foot that ends here, and of one of the left foot."""
+    right, left = (state.moved_x_right, state.moved_y_right), (state.moved_x_left, state.moved_y_left)
+    # from the start of the right foot's stride to the left foot's stance; its opposite for a stride of the left foot
+    x, y = state.apart_x + right[0] - left[0], state.apart_y + right[1] - left[1]
+    of_right, (length, width, step) = _measured(*right, x, y), _measured(*left, -x, -y)
+    return *of_right, length, -width, step
 
 
-def _of_right(state: WidthState) -> tuple[Values, Values, Values]:
-    """Length, width and step length of the right foot's stride: its way, and that from its start to the left stance
-    across and along it.
-    """
-    x, y = state.moved_x_right, state.moved_y_right
+def _measured(x: Values, y: Values, other_x: Values, other_y: Values) -> tuple[Values, Values, Values]:
+    """Length of a stride (x, y), and the way from its start to the other foot's stance to its left, and along it."""
     square = x * x + y * y
     some = square > 0.0
     length = xp.where(some, xp.sqrt(xp.where(some, square, 1.0)), 1e-6)
-    other_x = state.apart_x - state.moved_x_left + x
-    other_y = state.apart_y - state.moved_y_left + y
     return length, (x * other_y - y * other_x) / length, (x * other_x + y * other_y) / length

@@ -138,16 +138,3 @@ def test_what_cannot_be_used_is_refused(walk):
     with pytest.raises(ValueError, match="takes range_offset and passing_offset of a person; got 'thigh_length'"):
         sw.with_body(sw.WidthParams(), {"thigh_length": 0.4})
     assert sw.with_body(sw.WidthParams(), {"range_offset": 0.1}).range_offset == 0.1
-
-
-@pytest.mark.parametrize("fault", ["far", "random"])
-def test_ranges_of_which_most_are_odd_are_not_used(walk, fault):
-    rng, read = np.random.default_rng(0), walk.read
-    passing = np.cumsum(np.diff(read.time[read.mask], prepend=0.0) > 0.2)
-    number = rng.random(passing.max() + 1)[passing]
-    distance = np.zeros(read.time.size)
-    distance[read.mask] = read.distance[read.mask] + 0.6 * (number < 0.6) if fault == "far" else 0.05 + 0.4 * number
-    made = ready(walk, read=read._replace(distance=distance))
-    note = next(note for note in made.notes if note.code == "range_absent")
-    assert note.severity == "check" and "unlike those around" in note.text
-    assert made.inputs.usual
