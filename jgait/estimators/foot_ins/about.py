@@ -2,7 +2,7 @@
 
 from jgait.estimators.about import About, EstimateFigure, EstimateTable
 from jgait.estimators.foot_ins.params import DEFAULT
-from jgait.estimators.stride_flags import DOUBTFUL, HALF, SIDE_UNKNOWN, STAIRS, TURNING, UNEVEN_DURATION
+from jgait.estimators.stride_flags import DOUBTFUL, HALF, STAIRS, TURNING, UNEVEN_DURATION
 from jgait.estimators.totals import LEVEL, PIVOT, has_strides
 
 ABOUT = About(
@@ -22,7 +22,7 @@ ABOUT = About(
         EstimateFigure("foot_height", "height"),
         EstimateFigure("stride_series", "strides", has_strides),
     ),
-    flags=(TURNING, STAIRS, HALF, UNEVEN_DURATION, SIDE_UNKNOWN, DOUBTFUL),
+    flags=(TURNING, STAIRS, HALF, UNEVEN_DURATION, DOUBTFUL),
     losses=(
         "distance", "position", "position_log", "stride_length", "stride_height", "stride_time",
         "contact_times", "likelihood", "calibration",

@@ -21,12 +21,11 @@ from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelPar
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import prepare
 from jgait.estimators.foot_ins.readout import Path
-from jgait.estimators.foot_ins.sensor import exchanged, lean_notes, moved
+from jgait.estimators.foot_ins.sensor import LEANS_OTHERWISE, moved
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
-from jgait.estimators.stride_flags import SIDE_UNKNOWN
 from jgait.estimators.walking import cut_notes, cut_off
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each
@@ -244,13 +243,15 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     walks = set(np.asarray(result.strides.side)[np.asarray(result.strides.valid, bool)].tolist())
     none = {name: SensorQuality(unusable=True) for side, name in worn.items() if side not in walks}
     time = as_float(result.time)
-    turned = {side: moved(result.strides, side, time, np.asarray(foot.acc)[: len(time)]) for side, foot in feet.items()}
-    leans = {worn[side]: lean.quality for side, lean in turned.items() if lean is not None}
-    if (changed := exchanged(turned.get(0), turned.get(1))) is not None:
-        leans = {name: facts._replace(exchanged_at=float(changed - time[0])) for name, facts in leans.items()}
-        unknown = as_float(result.strides.end) > changed
-        result = result._replace(diagnostics={**result.diagnostics, SIDE_UNKNOWN.name: unknown})
-    notes = (*cut_notes(cut), *(NO_STEPS(placement=name) for name in none), *lean_notes(leans))
+    leans = {
+        worn[side]: lean for side, foot in feet.items()
+        if (lean := moved(result.strides, side, time, as_float(foot.acc)[: len(time)])) is not None
+    }  # fmt: skip
+    notes = (
+        *cut_notes(cut),
+        *(NO_STEPS(placement=name) for name in none),
+        *(LEANS_OTHERWISE(placement=name, at_s=f.leans_at, degrees=f.leans_deg) for name, f in leans.items()),
+    )
     facts = {
         "notes": (*result.diagnostics["notes"], *notes),
         "sensors": merged(result.diagnostics["sensors"], cut, none, leans),

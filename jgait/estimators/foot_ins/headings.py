@@ -65,7 +65,7 @@ def rates(
 
     Args:
         time: (T,) [s].
-        ways: (T, 2) horizontal position of the right and of the left foot [m], each in a frame of its own.
+        ways: (T,) horizontal position x + iy of the right and of the left foot [m], each in a frame of its own.
         steps: samples of the footholds of each, in order.
         sd: prior standard deviations of both rates [rad/s].
     """
@@ -75,34 +75,22 @@ def rates(
     if min(np.sum((stands >= since) & (stands <= until)) for stands in steps) < FEWEST_FOOTHOLDS:
         return None
     t = time[at] - time[at[0]]
-    right, left = (
-        np.stack([np.interp(time[at], time[stands], way[stands, k]) for k in (0, 1)], axis=1)
-        for stands, way in zip(steps, ways, strict=True)
-    )
-    ahead = np.gradient(right, axis=0)
-    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 0.1)
-    beside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    right, left = (np.interp(time[at], time[stands], way[stands]) for stands, way in zip(steps, ways, strict=True))
+    ahead = np.gradient(right)
+    beside = 1j * ahead / np.maximum(np.abs(ahead), 0.1)
     prior = sd[0] ** 2 + sd[1] ** 2
-    unknown, weight = np.zeros(2), np.diag([1.0 / prior, 1.0, 0.0, 0.0, 1.0 / WIDTH**2])
+    weight = np.diag([1.0 / prior, 1.0, 0.0, 0.0, 1.0 / WIDTH**2])
     # the constant angle first, in closed form: it may be any; the steps after it are damped by 1 rad
-    centred = [way - way.mean(axis=0) for way in (right, left)]
-    unknown[1] = np.angle(np.sum((centred[0] @ (1.0, 1.0j)) * np.conj(centred[1] @ (1.0, 1.0j))))
+    unknown = np.array([0.0, np.angle(np.sum((right - right.mean()) * np.conj(left - left.mean())))])
     for _ in range(ITERATIONS):
         here = turned_way(left, unknown[0] * t + unknown[1])
-        slope = turned_way(left, unknown[0] * t + unknown[1] + 0.5 * np.pi)
-        later = np.concatenate(
-            [np.zeros((1, 2)), np.cumsum(0.5 * (t[1:] + t[:-1])[:, None] * np.diff(slope, axis=0), 0)]
-        )
+        later = np.concatenate([[0.0], np.cumsum(0.5j * (t[1:] + t[:-1]) * np.diff(here))])
         ones = np.ones_like(t)
-        columns = np.stack([
-            later.T.ravel(), (slope - slope[0]).T.ravel(), np.concatenate([ones, 0.0 * t]),
-            np.concatenate([0.0 * t, ones]), -beside.T.ravel(),
-        ], axis=1)  # fmt: skip
+        columns = _parts(np.stack([later, 1j * here, ones, 1j * ones, -beside], axis=1))
         information = columns.T @ columns / APART**2 + weight
-        right_side = columns.T @ (right - here).T.ravel() / APART**2
+        right_side = columns.T @ _parts(right - here) / APART**2
         right_side[0] -= unknown[0] / prior
-        step = np.linalg.solve(information, right_side)
-        unknown = unknown + step[:2]
+        unknown = unknown + np.linalg.solve(information, right_side)[:2]
     remaining = float(np.linalg.inv(information)[0, 0]) / prior
     if abs(unknown[0]) > ALLOWED * np.sqrt(prior):
         return None
@@ -110,10 +98,14 @@ def rates(
     return Rates(share * unknown[0], (share - 1.0) * unknown[0], remaining)
 
 
+def _parts(values: np.ndarray) -> np.ndarray:
+    """Real parts, and imaginary parts after them."""
+    return np.concatenate([values.real, values.imag])
+
+
 def turned_way(way: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """A way (T, 2 or 3) from its start, each part of it turned about the vertical by an angle (T,) [rad]."""
-    parts = turned(np.diff(way, axis=0), 0.5 * (angle[1:] + angle[:-1]))
-    return np.concatenate([np.zeros_like(parts[:1]), np.cumsum(parts, axis=0)])
+    """A way x + iy (T,) from its start, each part of it turned by an angle (T,) [rad]."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(way) * np.exp(0.5j * (angle[1:] + angle[:-1])))])
 
 
 def together(result: Estimate) -> Estimate:
@@ -131,7 +123,7 @@ def together(result: Estimate) -> Estimate:
     if not max(ends) <= UNKNOWN or not all(np.isfinite(foot.position).all() for foot in feet):
         return result
     sd = [np.hypot(end / (time[stands[-1]] - time[stands[0]]), DRIFT) for end, stands in zip(ends, steps, strict=True)]
-    drift = rates(time, [np.asarray(foot.position)[:, :2] for foot in feet], steps, sd)
+    drift = rates(time, [_horizontal(foot) for foot in feet], steps, sd)
     if drift is None:
         return result
     moved, known, turn = [], [], np.array(strides.turn, np.float64)
@@ -153,9 +145,14 @@ def _both(feet: Feet | None) -> list[FootTrajectory]:
     return [FootTrajectory(*(np.asarray(part, np.float64) for part in foot)) for foot in feet or () if foot is not None]
 
 
+def _horizontal(foot: FootTrajectory) -> np.ndarray:
+    """(T,) position x + iy [m]."""
+    return np.asarray(foot.position)[:, :2] @ np.array([1.0, 1.0j])
+
+
 def _without(foot: FootTrajectory, angle: np.ndarray) -> FootTrajectory:
     """A trajectory from its start, turned back by an angle (T,) [rad]."""
     position, velocity, orientation = (np.asarray(part) for part in foot)
-    return FootTrajectory(
-        position[:1] + turned_way(position, -angle), turned(velocity, -angle), yawed(orientation, -angle)
-    )
+    way = turned_way(_horizontal(foot), -angle)
+    placed = np.column_stack([position[0, 0] + way.real, position[0, 1] + way.imag, position[:, 2]])
+    return FootTrajectory(placed, turned(velocity, -angle), yawed(orientation, -angle))

@@ -23,7 +23,7 @@ def walked(drifts=(0.0, 0.0), angle=0.0, width=0.15, turn_at=STRIDES // 2, noise
         outward = np.where(np.arange(STRIDES) < turn_at, 1.0, -1.0)
         place = np.stack([1.3 * (along + 0.5 * side * outward), 0.5 * width * (2 * side - 1) * outward], axis=1)
         place += noise * rng.standard_normal(place.shape)
-        way = np.stack([np.interp(time, time[at], column) for column in place.T], axis=1)
+        way = np.interp(time, time[at], place @ [1.0, 1.0j])
         ways.append(headings.turned_way(way, drift * (time - time[at[0]]) + angle * side))
         steps.append(at)
     return time, ways, steps
