@@ -1,6 +1,5 @@
 """Samples as they are pushed: checked, lost ones marked, gaps filled with lost samples."""
 
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -19,9 +18,8 @@ LATE = 1.5
 RATE_OFF = 1.25
 """[1] Largest ratio of the usual interval of a block to that of the calibration."""
 
-FADES_S, LEAST_S = 2.0, 0.75
-"""[s] Time in which samples fade from the mean sizes of rate and force by 1/e; samples from which on a mean counts: a
-jolt or a flight phase tells nothing of units."""
+LEAST_S = 0.75
+"""[s] Samples from which on the mean sizes of rate and force count: a jolt or a flight phase tells nothing of units."""
 
 FASTEST_MEAN = 15.0
 """[rad/s] Largest mean rate of a limb; of feet, ankles, shanks and thighs in all public sets, also running, it is 6."""
@@ -40,7 +38,7 @@ class Block(NamedTuple):
     kept: np.ndarray | slice  #: rows of the pushed samples, as an index.
     samples: int  #: number of samples since the first one, at the end of the block.
     offset: float  #: time of the newest sample less that which the devices count [s].
-    #: (k, 4) fading sums of the sizes of rate and force and of the measured samples of both.
+    #: (k, 4) sums of the sizes of rate and force and of the measured samples of both, since the first sample.
     sizes: np.ndarray
 
 
@@ -109,18 +107,14 @@ class Pushes:
 
     def _sized(self, sensors: np.ndarray) -> np.ndarray:
         """The sums after samples (n, k, 8). Raises ValueError for rates or forces not in rad/s and m/s²."""
-        sums, most = self._sizes, max(round(FADES_S * self._rate_hz), 1)
         sizes = (np.sqrt(np.square(sensors[..., part]).sum(axis=2)) for part in (slice(3), slice(3, 6)))
-        each = np.stack([*sizes, sensors[..., 6], sensors[..., 7]], axis=2)
-        for first in range(0, len(each), most):
-            part = each[first : first + most]
-            sums = sums * math.exp(-len(part) / most) + part.sum(axis=0)
-            rate, force = (sums[:, :2] / np.maximum(sums[:, 2:], 1.0)).T
-            fast, odd = rate > FASTEST_MEAN, (force < LEAST_FORCE) | (force > LARGEST_FORCE)
-            wrong = np.stack([fast, odd], axis=1) & (sums[:, 2:] > LEAST_S * self._rate_hz)
-            for name, *of_one in zip(self._placements, rate, force, *wrong.T, strict=True):
-                if of_one[2] or of_one[3]:
-                    raise ValueError(_other_unit(name, *of_one))
+        sums = self._sizes + np.stack([*sizes, sensors[..., 6], sensors[..., 7]], axis=2).sum(axis=0)
+        rate, force = (sums[:, :2] / np.maximum(sums[:, 2:], 1.0)).T
+        fast, odd = rate > FASTEST_MEAN, (force < LEAST_FORCE) | (force > LARGEST_FORCE)
+        wrong = np.stack([fast, odd], axis=1) & (sums[:, 2:] > LEAST_S * self._rate_hz)
+        for name, *of_one in zip(self._placements, rate, force, *wrong.T, strict=True):
+            if of_one[2] or of_one[3]:
+                raise ValueError(_other_unit(name, *of_one))
         return sums
 
 

@@ -4,6 +4,8 @@ This module selects the ranges, detects turns, and estimates the delay of the ra
 `stride_width_ekf.run` is differentiable for given inputs.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -17,15 +19,11 @@ from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, chec
 from jgait.notes import Note
 from jgait.types import Feet, RangeReadings, RecordingError, Values
 
-TOGETHER = 0.12  # s; readings with shorter gaps belong to one passing
-HALF_PASSING = 0.12  # s; readings this close to the shortest one belong to its passing, and so does the fitted minimum
+HALF_PASSING = 0.12  # s; readings closer than this to each other, or to the shortest one, belong to one passing
 NEARLY = 0.1  # m; readings up to this much above the shortest belong to its passing
 COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach and departure of the foot
-FEWEST_ON_PARABOLA = 3  # readings; least number for a parabola
-NEIGHBOURS = 4  # passings before and after with which a passing is compared
 LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
 LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory
-FEWEST_PAIRS = 6  # least number of pairs of passings for an estimate of the delay
 
 
 def prepare_from_feet(
@@ -72,7 +70,7 @@ def _turns(foot: FootTrack, limit: float) -> list[tuple[float, float]]:
     return [(foot.mids[k], foot.mids[k + 2]) for k in np.flatnonzero(change > limit)]
 
 
-def _inside(times: np.ndarray, spans: list[tuple[float, float]]) -> np.ndarray:
+def _inside(times: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarray:
     inside = np.zeros(times.shape, bool)
     for start, end in spans:
         inside |= (times >= start) & (times <= end)
@@ -83,7 +81,7 @@ def _known(pair: Pair, times: np.ndarray) -> np.ndarray:
     """(k,) bool, times [s] at which both feet are known."""
     known = np.ones(times.shape, bool)
     for foot in pair:
-        known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, list(foot.gaps))
+        known &= (times >= foot.time[0]) & (times <= foot.time[-1]) & ~_inside(times, foot.gaps)
     return known
 
 
@@ -91,6 +89,8 @@ def _usable(
     pair: Pair, turning: list[tuple[float, float]], read: RangeReadings | None, options: WidthOptions
 ) -> tuple[np.ndarray, np.ndarray, list[Note]]:
     """Times on the feet's clock [s] and distances [m] of the usable ranges, one for each passing of the feet; notes."""
+    from scipy.ndimage import median_filter
+
     if read is None:
         return _none("there is no range between the feet")
     times, distances, mask = (np.asarray(v) for v in read)
@@ -105,7 +105,8 @@ def _usable(
         within = f" within {options.longest_range:g} m" if measured.any() else ""
         return _none(f"the range sensor measured nothing{within}")
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
-    odd = _outliers(distances, options.outlier)
+    # unlike the four passings before and after it, for example an echo
+    odd = np.abs(distances - median_filter(distances, 9, mode="nearest")) > options.outlier
     times, distances = times[~odd], distances[~odd]
     delay, stddev = _delay(pair, turning, times) if options.align_range else (0.0, np.inf)
     times = times - delay
@@ -138,7 +139,7 @@ def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.
     """
     order = np.argsort(times, kind="stable")
     times, distances = times[order], distances[order]
-    groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > TOGETHER) + 1)
+    groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > HALF_PASSING) + 1)
     passings = [passing for g in groups for passing in _nearest(times[g], distances[g])]
     return np.array([time for time, _ in passings]), np.array([distance for _, distance in passings])
 
@@ -155,7 +156,7 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
         around = np.abs(times - times[lowest]) <= HALF_PASSING
         near = around & (distances <= distances[lowest] + NEARLY)
         inside = 0 < lowest < distances.size - 1
-        if inside and near.sum() >= FEWEST_ON_PARABOLA:
+        if inside and near.sum() >= 3:
             since = times[near] - times[lowest]
             curve, slope, level = np.polyfit(since, distances[near] ** 2, 2)
             at = -0.5 * slope / curve if curve > 0.0 else 0.0
@@ -166,15 +167,6 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
         left &= np.abs(times - times[lowest]) > 2.0 * HALF_PASSING
         left &= distances <= distances[lowest] + 2.0 * NEARLY
     return nearest
-
-
-def _outliers(distances: np.ndarray, limit: float) -> np.ndarray:
-    """True for each passing that differs from the median of those around it, for example an echo."""
-    count = distances.size
-    if count < 3 or not np.isfinite(limit):
-        return np.zeros(count, bool)
-    around = [distances[max(0, k - NEIGHBOURS) : k + NEIGHBOURS + 1] for k in range(count)]
-    return np.abs(distances - np.array([np.median(v) for v in around])) > limit
 
 
 def _delay(pair: Pair, turning: list[tuple[float, float]], times: np.ndarray) -> tuple[float, float]:
@@ -190,7 +182,7 @@ def _delay(pair: Pair, turning: list[tuple[float, float]], times: np.ndarray) ->
         alternate = np.abs(np.diff(speed)) > 2.0
         turned = _inside(at, turning)
         pairs = alternate & (np.diff(at) < 2.0) & ~(turned[1:] | turned[:-1])
-        if np.sum(pairs) < FEWEST_PAIRS:
+        if np.sum(pairs) < 6:
             return 0.0, np.inf
         lags = np.diff(ahead)[pairs] / np.diff(speed)[pairs]
         middle = float(np.median(lags))
