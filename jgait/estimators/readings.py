@@ -13,7 +13,7 @@ from jgait.signal.windows import over_losses, window_maximum
 from jgait.types import Imu, Values, as_float
 
 
-class Readings(NamedTuple):
+class RepairedReadings(NamedTuple):
     """Readings of a sensor whose lost samples are interpolated and whose clipped peaks are restored, leaves (T, …)."""
 
     gyr: np.ndarray  #: (3,) angular rate [rad/s].
@@ -35,7 +35,7 @@ class Readings(NamedTuple):
 
 def readings(
     imu: Imu, time: np.ndarray, clips_above: tuple[float, float], doubt: tuple[float, float], least: int = 2
-) -> Readings:
+) -> RepairedReadings:
     """The readings of a sensor with an accelerometer, of which at least one sample was measured.
 
     Args:
@@ -53,7 +53,7 @@ def readings(
     clipped = clipping.forces_clipped(as_read[1], clips_above[1], least)
     forces = clipping.restored_forces(acc, clipped | ~mask)
     step = np.diff(time, prepend=time[0])
-    return Readings(
+    return RepairedReadings(
         peaks.signal, forces.signal, ~mask | (step > 1.5 * np.median(step[1:])), equal | peaks.clipped, clipped,
         np.maximum(peaks.doubt, doubt[0] * equal), np.where(forces.clipped, forces.doubt, doubt[1] * clipped),
     )  # fmt: skip
