@@ -21,17 +21,16 @@ from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelPar
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import prepare
 from jgait.estimators.foot_ins.readout import Path
-from jgait.estimators.foot_ins.sensor import LEANS_OTHERWISE, moved
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import of_turns, stacked
 from jgait.estimators.walking import cut_notes, cut_off
 from jgait.filtering import Belief
-from jgait.geometry.arrays import for_each
+from jgait.geometry.arrays import for_each, xp
 from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import of_estimate
-from jgait.types import SIDES, Counts, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Strides, Values, as_float
+from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values, as_float
 
 PER_STRIDE = ("stride_nis",)
 """Diagnostics with an entry for each stride."""
@@ -122,17 +121,10 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
         `feet`, `strides` and their standard deviations; `distance` is the distance along the footholds, mean
         of the feet; `diagnostics` holds log-likelihood, mean normalised innovation squared and pitch of each foot.
     """
-    feet, time = _worn(inputs), inputs.time
-    worn = stacked(*feet.values())
-    states = compiled(_states, over=(None, 0))(p, worn, options=options)
-    every = _paths(p, worn, states, time, options)
-    results = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
-    path = every.path
-    rows = path.nis.shape[1]
-    return _assembled(
-        time, results, np.repeat(np.asarray(list(feet), np.int32), rows),
-        *jax.tree.map(lambda leaf: leaf.reshape(-1), (path.strides, path.strides_stddev, path.nis)),
-    )  # fmt: skip
+    feet = _worn(inputs)
+    every = _paths(p, stacked(*feet.values()), inputs.time, options)
+    each = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
+    return _assembled(inputs.time, each)
 
 
 def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Values:
@@ -173,36 +165,36 @@ class _Found(NamedTuple):
     valid: Flags
 
 
-def _paths(p: FootParams, feet: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions) -> _Found:
+def _paths(p: FootParams, feet: FootSignals, time: Values, options: FootOptions) -> _Found:
     """The paths of some feet along a first axis."""
-    return for_each(lambda foot, foot_states: _one_foot(p, foot, foot_states, time, options), feet, states)
+
+    def path_of(foot: FootSignals, states: filtering.Inferred) -> _Found:
+        path = foot_strides.path_of(p, foot, time, states, flatten=options.level == "auto")
+        way = foot_strides.walked(path.strides, foot.count - 1, time)
+        diagnostics = {"log_likelihood": states.log_likelihood, "nis": states.nis}
+        return _Found(path, diagnostics, way, foot.valid & foot.known & states.filtered.valid)
+
+    return for_each(path_of, feet, compiled(_states, over=(None, 0))(p, feet, options=options))
 
 
-def _one_foot(
-    p: FootParams, foot: FootSignals, states: filtering.Inferred, time: Values, options: FootOptions
-) -> _Found:
-    path = foot_strides.path_of(p, foot, time, states, flatten=options.level == "auto")
-    valid = foot.valid & foot.known & states.filtered.valid
-    way = foot_strides.walked(path.strides, foot.count - 1, time)
-    return _Found(path, {"log_likelihood": states.log_likelihood, "nis": states.nis}, way, valid)
-
-
-def _assembled(
-    time: Values, results: dict[int, _Found], sides: Counts, strides: Strides, deviations: Strides, nis: Values
-) -> Estimate:
+def _assembled(time: Values, results: dict[int, _Found]) -> Estimate:
     """The estimate of one or two feet, and of the strides of all of them."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
-    diagnostics: dict[str, Any] = {"stride_nis": nis}
+    diagnostics: dict[str, Any] = {}
+    tables = []
     for side, (path, foot_diagnostics, _, _) in results.items():
         feet[side], spread[side] = path.trajectory, path.stddev
         diagnostics |= {f"{name}_{SIDES[side]}": value for name, value in foot_diagnostics.items()}
         diagnostics[f"pitch_{SIDES[side]}"] = path.pitch
+        sides = np.full(path.nis.shape, side, np.int32)
+        tables.append((path.strides._replace(side=sides), path.strides_stddev._replace(side=sides), path.nis))
+    strides, deviations, diagnostics["stride_nis"] = jax.tree.map(lambda *rows: xp.concatenate(rows), *tables)
     ways = [foot.way for foot in results.values()]
     valid = reduce(or_, [foot.valid for foot in results.values()])
     return Estimate(
         time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics,
-        strides._replace(side=sides), Feet(*feet), Feet(*spread), deviations._replace(side=sides),
+        strides, Feet(*feet), Feet(*spread), deviations,
     )  # fmt: skip
 
 
@@ -242,19 +234,9 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     cut = cut_off(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
     walks = set(np.asarray(result.strides.side)[np.asarray(result.strides.valid, bool)].tolist())
     none = {name: SensorQuality(unusable=True) for side, name in worn.items() if side not in walks}
-    time = as_float(result.time)
-    leans = {
-        worn[side]: lean for side, foot in feet.items()
-        if (lean := moved(result.strides, side, time, as_float(foot.acc)[: len(time)])) is not None
-    }  # fmt: skip
-    notes = (
-        *cut_notes(cut),
-        *(NO_STEPS(placement=name) for name in none),
-        *(LEANS_OTHERWISE(placement=name, at_s=f.leans_at, degrees=f.leans_deg) for name, f in leans.items()),
-    )
     facts = {
-        "notes": (*result.diagnostics["notes"], *notes),
-        "sensors": merged(result.diagnostics["sensors"], cut, none, leans),
+        "notes": (*result.diagnostics["notes"], *cut_notes(cut), *(NO_STEPS(placement=name) for name in none)),
+        "sensors": merged(result.diagnostics["sensors"], cut, none),
     }
     result = result._replace(diagnostics={**result.diagnostics, **facts})
     if made.options.soft:  # its noise is tuned, and limits for it are not known
@@ -279,10 +261,8 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         return None
 
     def path_of_window(window: FootSignals, time: Values) -> PyTree:
-        feet = stacked(window)
-        states = compiled(_states, over=(None, 0))(p, feet, options=options)
-        foot_paths = _paths(p, feet, states, time, options)
-        return jax.tree.map(lambda leaf: leaf[0], (foot_paths.path, foot_paths.diagnostics["nis"], foot_paths.valid))
+        found = jax.tree.map(lambda leaf: leaf[0], _paths(p, stacked(window), time, options))
+        return found.path, found.diagnostics["nis"], found.valid
 
     results = {}
     for side, foot in _worn(inputs).items():
@@ -292,8 +272,4 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         path, nis, valid = foot_windows.joined(foot, np.asarray(inputs.time), cuts, path_of_window)
         way = foot_strides.walked(path.strides, path.strides.length.shape[0], jnp.asarray(inputs.time))
         results[side] = _Found(path, {"nis": nis}, way, valid)
-    paths = [foot.path for foot in results.values()]
-    sides = np.repeat(np.array(list(results), np.int32), [len(path.nis) for path in paths])
-    strides = [(path.strides, path.strides_stddev, path.nis) for path in paths]
-    together = jax.tree.map(lambda *rows: jnp.concatenate(rows), *strides)
-    return _assembled(jnp.asarray(inputs.time), results, sides, *together)
+    return _assembled(jnp.asarray(inputs.time), results)

@@ -1,4 +1,4 @@
-r"""What a foot's strides show of its sensor: the scale of its gyroscope, and whether it moves on the shoe.
+r"""What a foot's strides show of its sensor: the scale of its gyroscope.
 
 `gyroscope_scale` takes strides that begin and end at rest. With rates s ω, the specific force of a stride, in axes of
 its first foothold, integrates to the velocity v(s) at the next one. A foot that rests at both has v = 0; near s = 1,
@@ -9,17 +9,12 @@ v ≈ v(1) + (s − 1) v′, and each stride gives
 the first of Newton's steps. What is left of v across v′ does not come from a scale; its share of v′ is how uncertain s
 is: feet of runners do not rest. A wrong interval between samples turns the foot by too much or too little as well: s is
 the scale of the rates times the interval.
-
-A sensor that has `moved` leans otherwise in later stances than in the first ones.
 """
 
 import numpy as np
 
 from jgait.geometry.rotation import Quaternion, conjugate, integrated, rotated
 from jgait.geometry.vectors import GRAVITY, as_array, vector
-from jgait.notes import Kind
-from jgait.quality import SensorQuality
-from jgait.types import Strides, as_float
 
 SHORTEST_S, LONGEST_S = 0.5, 2.5
 """[s] Limits of the strides that count."""
@@ -86,39 +81,3 @@ def _gained(gyr: np.ndarray, acc: np.ndarray, first: np.ndarray, last: np.ndarra
     attitude, force = integrated(gyr, acc, hz)
     back = conjugate(Quaternion(*(part[first] for part in attitude)))
     return np.asarray(as_array(rotated(back, vector(force[last] - force[first]))))
-
-
-STANCES, OTHERWISE_DEG = 6, 20.0
-"""Number of successive stances whose median direction of gravity is compared, and [deg] its largest difference from
-that of the first stances; chosen above those of all feet of public walks, which lie flat in stance."""
-
-LEANS_OTHERWISE = Kind(
-    "leans_otherwise",
-    "check",
-    "{placement}: from {at_s:.0f} s on the sensor leans otherwise in stance than at first, by {degrees:.0f}°: it "
-    "slipped, or was put on anew",
-    "Foot angles are wrong after that. Lengths, times and distances do not depend on it. Cut the recording there, and "
-    "analyse both parts.",
-)
-
-
-def moved(strides: Strides, side: int, time: np.ndarray, acc: np.ndarray) -> SensorQuality | None:
-    """Facts on the sensor of a side if it leans otherwise in later stances; `acc` (T, 3) [m/s²] at `time` (T,) [s]."""
-    if strides.standing is None:
-        return None
-    mine = np.asarray(strides.valid, bool) & (np.asarray(strides.side) == side)
-    at = as_float(strides.standing)[mine]
-    at = np.sort(at[np.isfinite(at)])
-    if len(at) < 2 * STANCES:
-        return None
-    up = acc[np.clip(np.searchsorted(time, at), 0, len(time) - 1)]
-    up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
-    rows = np.arange(len(at) - STANCES + 1)[:, None] + np.arange(STANCES)
-    middle = np.median(up[rows], axis=1)
-    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    degrees = np.rad2deg(np.arccos(np.clip(middle @ middle[0], -1.0, 1.0)))
-    worst = int(np.argmax(degrees))
-    if degrees[worst] <= OTHERWISE_DEG:
-        return None
-    first = int(np.argmax(degrees > OTHERWISE_DEG)) + STANCES // 2
-    return SensorQuality(leans_at=float(at[first] - time[0]), leans_deg=float(degrees[worst]))

@@ -191,20 +191,15 @@ IMU = foot(strides=2).recording.sensors["foot_right"]
     ("recording", "message"),
     [
         (Recording({"thigh_right": IMU}, 100.0), r"needs 'foot_right' or 'foot_left'; .* has \['thigh_right'\]"),
-        (changed(acc=None), "needs an accelerometer"),
-        (changed(gyr=IMU.gyr[:-1]), r"gyr of 'foot_right' must have shape"),
-        (changed(acc=np.where(IMU.acc > 9.5, np.nan, IMU.acc)), "NaN or infinity"),
-        (changed(time=IMU.time[::-1]), "time must increase"),
         (changed(time=4.0 * IMU.time), "45 Hz or more; the recording has 25.0 Hz"),
         (changed(acc=4.0 * IMU.acc), "must read 9.81 m/s² at rest; it reads 39"),
-        (changed(mask=np.zeros(len(IMU.time), bool)), "every sample of 'foot_right' is masked"),
         (spun(), "never stands"),
         (
             Recording({"foot_right": IMU, "foot_left": IMU._replace(time=IMU.time + 0.02)}, 100.0),
             "both feet on one clock",
         ),
     ],
-    ids=["placement", "acc", "shape", "nan", "time", "slow", "unit", "masked", "spinning", "clocks"],
+    ids=["placement", "slow", "unit", "spinning", "clocks"],
 )  # fmt: skip
 def test_what_cannot_be_used_is_refused_in_words(recording, message):
     with pytest.raises(RecordingError, match=message):
