@@ -25,10 +25,10 @@ How far to trust it:
     `diagnostics["width_valid"]` is False where it is above `WidthOptions.widest_stddev`.
     No width is valid, and a note says so, if more than 30 % of the ranges do not fit the paths of the feet. A constant
     error of the range, such as a wrong offset or scale, cannot be detected, nor can exchanged sensors of both feet.
-    A delay of the range's clock is estimated and removed. A difference δ between the clocks of the feet cannot be
-    separated from unequal steps: the steps of one foot are too long and those of the other too short by v δ / 2, with v
-    the relative speed of the feet at the passing (8 cm for 50 ms in the paper's protocol); widths outside of turns stay
-    within 4 mm. A range sensor that points forward or back has the same effect (`WidthParams.passing_offset`).
+    Both feet and the range must have one clock. A difference δ between the clocks of the feet cannot be separated from
+    unequal steps: the steps of one foot are too long and those of the other too short by v δ / 2, with v the relative
+    speed of the feet at the passing (8 cm for 50 ms in the paper's protocol), by v δ if the range is late; widths
+    outside of turns stay within 4 mm. A range sensor that points forward or back has the same effect (`WidthParams.passing_offset`).
 
 Deviations from the paper:
     `experiments/potter/literal.py` has the first one's signs as printed.

@@ -41,10 +41,3 @@ RANGES_LEFT_OUT = Kind(
     "left out {ranges} {ranges:range|ranges} {why}",
     "Distances between the feet that cannot be right, or come at the wrong moment, were not used.",
 )
-
-RANGE_LATE = Kind(
-    "range_late",
-    "corrected",
-    "the range's clock is {late_ms:.0f} ± {stddev_ms:.0f} ms late; corrected",
-    "The range sensor ran behind the inertial sensors; its times were shifted.",
-)

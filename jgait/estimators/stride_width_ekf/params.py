@@ -80,7 +80,6 @@ class WidthOptions(NamedTuple):
         longest_range: longer ranges are not those to the other leg and are left out [m].
         turn: change of heading between strides above which a foot is in a turn; ranges in turns are left out [rad].
         outlier: ranges that differ more than this from the median of the nine around them are left out [m].
-        align_range: estimate the delay of the range's clock, and remove it.
         widest_stddev: widths with a larger standard deviation are flagged [m].
         usual_passings: without a usable range, feet pass each other as those of usual people do, see
             `stride_width_ekf.passings`.
@@ -91,7 +90,6 @@ class WidthOptions(NamedTuple):
     longest_range: float = 0.5
     turn: float = math.radians(15.0)
     outlier: float = 0.1
-    align_range: bool = True
     widest_stddev: float = 0.05
     usual_passings: bool = True
 
@@ -100,7 +98,6 @@ DEFAULT = WidthOptions()
 """The default pipeline, the most accurate one."""
 
 PAPER = WidthOptions(
-    method=filtering.EKF(), smooth=False, outlier=math.inf, align_range=False,
-    usual_passings=False,
+    method=filtering.EKF(), smooth=False, outlier=math.inf, usual_passings=False,
 )  # fmt: skip
 """The paper's pipeline with its misprints corrected: an EKF, ranges up to 0.5 m, none in turns."""

@@ -1,7 +1,7 @@
 """Inputs of the stride width estimator from trajectories of both feet and ranges. NumPy, on the host.
 
-This module selects the ranges, detects turns, and estimates the delay of the range's clock. It has no gradient;
-`stride_width_ekf.run` is differentiable for given inputs.
+This module selects the ranges and detects turns. It has no gradient; `stride_width_ekf.run` is differentiable for given
+inputs.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,6 @@ from jgait.types import Feet, RangeReadings, RecordingError, Values
 HALF_PASSING = 0.12  # s; readings closer than this to each other, or to the shortest one, belong to one passing
 NEARLY = 0.1  # m; readings up to this much above the shortest belong to its passing
 COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach and departure of the foot
-LATEST = 0.15  # s; largest delay of the range's clock that can be estimated
 LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory
 
 
@@ -43,8 +42,7 @@ def prepare_from_feet(
             the start of a straight walk.
 
     Returns:
-        Inputs and options. `notes` lists ranges that were left out, the delay of the range's clock, and missing
-        strides.
+        Inputs and options. `notes` lists ranges that were left out, and missing strides.
 
     Raises:
         RecordingError: a foot is missing, shapes differ, time runs backwards, stances are not samples or not in order.
@@ -88,7 +86,7 @@ def _known(pair: Pair, times: np.ndarray) -> np.ndarray:
 def _usable(
     pair: Pair, turning: list[tuple[float, float]], read: RangeReadings | None, options: WidthOptions
 ) -> tuple[np.ndarray, np.ndarray, list[Note]]:
-    """Times on the feet's clock [s] and distances [m] of the usable ranges, one for each passing of the feet; notes."""
+    """Times [s] and distances [m] of the usable ranges, one for each passing of the feet; notes."""
     from scipy.ndimage import median_filter
 
     if read is None:
@@ -108,8 +106,6 @@ def _usable(
     # unlike the four passings before and after it, for example an echo
     odd = np.abs(distances - median_filter(distances, 9, mode="nearest")) > options.outlier
     times, distances = times[~odd], distances[~odd]
-    delay, stddev = _delay(pair, turning, times) if options.align_range else (0.0, np.inf)
-    times = times - delay
     known, turned = _known(pair, times), _inside(times, turning)
     usable = known & ~turned
     left_out = {
@@ -117,8 +113,6 @@ def _usable(
         "at which the feet were not known": ~known & ~turned,
     }  # fmt: skip
     notes = [kinds.RANGES_LEFT_OUT(ranges=which.sum(), why=why) for why, which in left_out.items() if which.any()]
-    if abs(delay) > max(0.01, 3.0 * stddev):
-        notes.append(kinds.RANGE_LATE(late_ms=1e3 * delay, stddev_ms=1e3 * stddev))
     if not usable.any():
         notes.append(kinds.RANGE_ABSENT(why="no range is left"))
     return times[usable], distances[usable], notes
@@ -167,31 +161,6 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
         left &= np.abs(times - times[lowest]) > 2.0 * HALF_PASSING
         left &= distances <= distances[lowest] + 2.0 * NEARLY
     return nearest
-
-
-def _delay(pair: Pair, turning: list[tuple[float, float]], times: np.ndarray) -> tuple[float, float]:
-    """The delay of the range's clock [s], and its standard deviation.
-
-    At consecutive passings the right foot moves alternately forward and backward relative to the left. So with a delay
-    τ the distance along at the reading, v τ, alternates in sign; the constant offset of the trajectories cancels.
-    """
-    delay, stddev = 0.0, np.inf
-    for _ in range(3):
-        at = times - delay
-        ahead, speed = (right - left for right, left in zip(*(foot.forward(at) for foot in pair), strict=True))
-        alternate = np.abs(np.diff(speed)) > 2.0
-        turned = _inside(at, turning)
-        pairs = alternate & (np.diff(at) < 2.0) & ~(turned[1:] | turned[:-1])
-        if np.sum(pairs) < 6:
-            return 0.0, np.inf
-        lags = np.diff(ahead)[pairs] / np.diff(speed)[pairs]
-        middle = float(np.median(lags))
-        # Neighbouring pairs share a passing, so the median of n pairs is as accurate as that of n / 2 independent ones.
-        stddev = float(1.4826 * np.median(np.abs(lags - middle)) * 1.2533 / np.sqrt(0.5 * lags.size))
-        delay += middle
-        if abs(delay) > LATEST:
-            return 0.0, np.inf
-    return delay, stddev
 
 
 def _inputs(

@@ -38,15 +38,6 @@ class FootTrack(NamedTuple):
         """(T,) horizontal speed [m/s]."""
         return np.hypot(*(np.gradient(self.position[:, axis], self.time) for axis in (0, 1)))
 
-    def forward(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(k,) distance along the headings of the strides [m], and its rate [m/s]."""
-        middle = 0.5 * (self.time[1:] + self.time[:-1])
-        stride = np.clip(np.searchsorted(self.mids, middle) - 1, 0, len(self.heading) - 1)
-        step = np.diff(self.position[:, :2], axis=0)
-        along = np.cos(self.heading[stride]) * step[:, 0] + np.sin(self.heading[stride]) * step[:, 1]
-        way = np.concatenate([[0.0], np.cumsum(along)])
-        return np.interp(times, self.time, way), np.interp(times, middle, along / np.diff(self.time))
-
 
 type Pair = tuple[FootTrack, FootTrack]
 """The right and the left foot."""

@@ -143,16 +143,6 @@ def test_ranges_that_do_not_fit_the_paths_of_the_feet_give_no_widths(walk, smoot
     assert note.severity == "check" and note.values["misfits"] > 0.3 * note.values["ranges"] > 3
 
 
-@pytest.mark.parametrize("late", [-0.05, 0.05])
-def test_a_late_range_clock_is_found_and_taken_off(walk, smoothed, late):
-    read = walk.read._replace(time=walk.read.time + late)
-    estimate = told(walk, read=read, start_heading=(0.0, np.radians(10.0)))
-    np.testing.assert_allclose(estimate.strides.width, smoothed.strides.width, atol=1e-3)
-    np.testing.assert_allclose(estimate.strides.step_length, smoothed.strides.step_length, atol=5e-3)
-    (note,) = [note for note in estimate.diagnostics["notes"] if note.code == "range_late"]
-    assert note.values["late_ms"] == pytest.approx(1e3 * late, abs=6.0)
-
-
 def test_the_offset_shifts_the_width_by_as_much(walk, smoothed):
     assert params.unconstrain(KNOWN, sw.estimator().transforms).passing_noise is None  # made up, so never learned
     shifted = told(walk, p=KNOWN._replace(range_offset=OFFSET + 0.03), start_heading=(0.0, np.radians(10.0)))
