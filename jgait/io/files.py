@@ -28,6 +28,10 @@ LONGEST_LINE = 1_000_000  # [characters] longest line of a table
 MOST_BYTES = 4_000_000_000
 """[bytes] Largest content of a file, as its headers declare it: chosen, a day of seven sensors at 100 Hz has 2.9e9."""
 
+SMALL_BYTES, MOST_PACKED = 100_000_000, 50
+"""[bytes], [1] Content that any file may declare, and content over the size of a file from which on it is no recording:
+packed ones take a third to a tenth of their content."""
+
 BRANDS = {
     b"Device Identity": "is of a GENEActiv, which has no gyroscope: every method needs one",
     b"GENEActiv": "is of a GENEActiv, which has no gyroscope: every method needs one",
@@ -72,12 +76,13 @@ def check_columns(names: Sequence[str], name: str) -> None:
         raise RecordingError(f"{name} has a column name of {longest} characters; expected at most {LONGEST_NAME}")
 
 
-def check_size(declared: int, name: str) -> None:
-    """Refuse content of more bytes than `MOST_BYTES`, as the file declares it, before a library makes room for it.
-    Raises RecordingError with both numbers.
+def check_size(declared: int, path: Path) -> None:
+    """Refuse content of more bytes than `MOST_BYTES`, or than a file of this size holds, as the file declares it,
+    before a library makes room for it. Raises RecordingError with both numbers.
     """
-    if declared > MOST_BYTES:
-        raise RecordingError(f"{name} declares a content of {declared} bytes; expected at most {MOST_BYTES}")
+    most = min(MOST_BYTES, max(SMALL_BYTES, MOST_PACKED * path.stat().st_size))
+    if declared > most:
+        raise RecordingError(f"{path.name} declares a content of {declared} bytes; expected at most {most}")
 
 
 def check_regular(path: Path, expected: str) -> None:
@@ -87,7 +92,7 @@ def check_regular(path: Path, expected: str) -> None:
     if not path.exists():
         raise FileNotFoundError(f"there is no such file: {path}")
     if not path.is_file() and not path.is_dir():
-        raise RecordingError(f"{path.name} is no regular file; expected {expected}")
+        raise RecordingError(f"{path.name} is not a regular file; expected {expected}")
 
 
 def check_file(path: Path, expected: str) -> None:
@@ -104,7 +109,7 @@ def check_file(path: Path, expected: str) -> None:
         raise PermissionError(f"{path} may not be read: you lack the permission")
     if not path.stat().st_size:
         raise RecordingError(f"{path.name} is empty; expected {expected}")
-    check_size(path.stat().st_size, path.name)
+    check_size(path.stat().st_size, path)
 
 
 def check_brand(path: Path) -> None:
@@ -159,6 +164,20 @@ def library(name: str, expected: str, extra: str = "io") -> ModuleType:
         raise ImportError(
             f"reading {expected} needs the extra {extra}: pip install 'jgait[{extra}]' ({missing})"
         ) from missing
+
+
+def read_parquet(path: Path) -> "pd.DataFrame":
+    """A Parquet file, whose numbers may take little room there and much in memory. Raises RecordingError if it is none,
+    or declares too many columns or bytes.
+    """
+    parquet = library("pyarrow.parquet", "Parquet files")
+    with reading(path, "a Parquet file"), parquet.ParquetFile(path) as file:
+        about = file.metadata
+        check_columns(file.schema_arrow.names, path.name)
+        unpacked = sum(about.row_group(group).total_byte_size for group in range(about.num_row_groups))
+        check_size(max(unpacked, 8 * about.num_rows * about.num_columns), path)
+        table: pd.DataFrame = file.read().to_pandas()
+        return table
 
 
 def json_object(file: Path) -> Tree:

@@ -100,7 +100,7 @@ def rows_of(path: Path, head: Head, *, strict: bool) -> tuple["pd.DataFrame", tu
     if not rows.size:
         there = ", ".join(filter(None, head.names))
         raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
-    check_size(8 * len(cells) * columns, path.name)
+    check_size(8 * len(cells) * columns, path)
     cut = rows.size > 1 and cells[rows[-1]] < cells[rows[-2]]
     if strict:
         _check_lengths(cells, rows[: rows.size - cut], columns, path.name)

@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.totals import angles_usable
 from jgait.io.atomic import check_path, replaced
-from jgait.io.files import check_file, library, line_breaks, reading
+from jgait.io.files import check_file, library, line_breaks, read_parquet, reading
 from jgait.types import SIDES, Estimate, RangeReadings, Recording
 
 if TYPE_CHECKING:
@@ -200,8 +200,7 @@ def read_table(path: str | os.PathLike[str]) -> "pd.DataFrame":
     check_file(file, "a table")
     with reading(file, "a table"):
         if file.suffix.lower() in PARQUET:
-            library("pyarrow", "Parquet files")
-            return pd.read_parquet(file)
+            return read_parquet(file)
         if file.suffix.lower() == ".json":
             return pd.read_json(file, orient="records", precise_float=True)
         line_breaks(file)

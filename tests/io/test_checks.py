@@ -95,6 +95,17 @@ def test_what_no_sensor_measures_is_masked_and_noted_once(walk, rows, name):
             np.testing.assert_allclose(now, before, atol=1e-9)
 
 
+@pytest.mark.parametrize("placement", ["pelvis", "thigh_right", "shank_left", "foot_right"])
+@pytest.mark.parametrize("channel", ["gyr_x", "gyr_z", "acc_y", "acc_z"])
+def test_an_axis_that_is_stuck_for_2_s_of_walking_is_masked(walk, placement, channel):
+    table = io.recording_to_dataframe(walk)
+    stuck = slice(800, 1000)
+    table.loc[800:999, f"{placement}_{channel}"] = table[f"{placement}_{channel}"][800]
+    recording = io.recording_from_dataframe(table)
+    assert not recording.sensors[placement].mask[stuck][1:].any() and recording.sensors[placement].mask.mean() > 0.8
+    assert any(f"{placement}: one reading of {channel} is repeated" in note.text for note in recording.notes)
+
+
 CONTRADICTED = {
     "gyroscope wraps at 250 deg/s": ("shank_right", "channel_unwrapped", r"shank_right gyr_y .*4\.363 rad/s"),
     "gyroscope's sign": ("foot_right", "sensor_contradicts", "gyroscope and accelerometer do not agree"),

@@ -63,12 +63,14 @@ FROZEN_RUN, FROZEN_S, STOPPED_S, STOPPED = 8, 0.05, 1.0, 10.0
 do not turn); [s], [1] shortest one to the end of a recording, and its length over that of other such times, as at
 rest."""
 
-AS_USUAL = 0.5
-"""[1] Least spread of the other axes while one is stuck, over that of the recording."""
-
 FROZEN_STEPS, FROZEN_CHANGE, TURNING = 10.0, {"gyr": 0.1, "acc": 1.0}, 0.3
 """[steps of the resolution], [rad/s, m/s²] Least change at the end of that time; [rad/s] mean rate in it with which an
 accelerometer cannot repeat its reading."""
+
+BY_CHANCE, AS_ELSEWHERE = 1e-24, 0.25
+"""[1] Largest probability of so many repeats in a row, if they were independent, by those elsewhere (1e-19 of an
+accelerometer in steps of 0.1 g), and least change of the other axes meanwhile over their mean, of an axis that is
+stuck; the latter chosen."""
 
 COARSE = 0.04 * GRAVITY
 """[m/s²] Step of an accelerometer from which on its readings repeat at rest and results change; in steps of 0.03 g,

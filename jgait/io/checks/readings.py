@@ -64,7 +64,8 @@ def without_damage(
         for kind, values in signals.items():
             wrapped += _unwrap(placement, kind, values)
             spikes, jumps = _spikes(placement, kind, values, signals["gyr"], rate_hz)
-            stuck = {axis: _stuck(kind, values, signals["gyr"], axis, rate_hz) for axis in (None, 0, 1, 2)}
+            stuck = {None: _stuck(kind, values, signals["gyr"], rate_hz)}
+            stuck |= {axis: _axis_stuck(kind, values, axis, rate_hz) for axis in range(3)}
             slower = _repeats(kind, values, signals["gyr"], held, rate_hz)
             values[spikes] = np.nan
             for axis, runs in stuck.items():
@@ -189,41 +190,51 @@ def _long_runs(same: np.ndarray, rate: float) -> list[tuple[int, int]]:
     return [(start, end) for start, end in true_runs(same) if end - start >= least]
 
 
-def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, axis: int | None, rate: float) -> list[tuple[int, int]]:
-    """First and last samples of stretches in which a sensor, or one axis of it, repeats its reading although the sensor
-    turns, and then jumps; in which an axis repeats one as never else while the other axes move; or to the end of the
-    recording.
+def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, rate: float) -> list[tuple[int, int]]:
+    """First and last samples of stretches in which a sensor repeats its reading although it turns, and then jumps; or
+    repeats it to the end of the recording.
     """
-    change = np.abs(np.diff(values, axis=0))
-    whole = ~change.any(axis=1)
-    runs = _long_runs(whole if axis is None else change[:, axis] == 0.0, rate)
-    runs = [(s, e) for s, e in runs if axis is None or (~whole[s:e]).mean() > 0.5]
-    if not runs:
+    steps = np.abs(np.diff(values, axis=0))
+    same = ~steps.any(axis=1)
+    if not (runs := _long_runs(same, rate)):
         return []
-    column, steps = (values, change) if axis is None else (values[:, [axis]], change[:, [axis]])
     resolution = np.min(steps, axis=0, where=steps > 0.0, initial=np.inf)
-    low, high = np.nanmin(column, axis=0), np.nanmax(column, axis=0)
-    # a turn about its own axis does not change an accelerometer's reading
-    across = gyr if kind == "gyr" or axis is None else np.delete(gyr, axis, axis=1)
-    others = values if axis is None else np.delete(values, axis, axis=1)
-    repeats = true_runs(whole if axis is None else change[:, axis] == 0.0)
+    low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
+    others = max((e - s for s, e in true_runs(same) if e < len(same)), default=1)
     stuck = []
     for start, end in runs:
-        reading, rates = column[start], np.abs(across[start : end + 1])
+        reading, rates = values[start], np.abs(gyr[start : end + 1])
         clipped = (((reading == low) | (reading == high)) & (np.abs(reading) > at.FROZEN_CHANGE[kind])).any()
-        turns = np.isnan(rates).all() or np.nanmean(rates) >= at.TURNING or (kind == "gyr" and axis is None)
+        turns = kind == "gyr" or np.isnan(rates).all() or np.nanmean(rates) >= at.TURNING
         ends = [steps[k] for k in (start - 1, end) if 0 <= k < len(steps)]
         jumps = any(((e > at.FROZEN_STEPS * resolution) & (e > at.FROZEN_CHANGE[kind])).any() for e in ends)
-        late = axis is None and end == len(whole) and start >= at.STOPPED_S * rate
-        longest = max((e - s for s, e in repeats if (s, e) != (start, end)), default=1)
-        long = end - start >= max(at.STOPPED_S * rate, at.STOPPED * longest)
+        late = end == len(same) and start >= at.STOPPED_S * rate
+        long = end - start >= max(at.STOPPED_S * rate, at.STOPPED * others)
         # a coarse accelerometer repeats its reading in standing
         rests = kind == "acc" and np.nansum(np.abs(np.diff(gyr[start : end + 1], axis=0))) > 0.0
-        partly = axis is not None and end - start < len(whole)
-        alone = partly and long and np.nanstd(others[start : end + 1]) > at.AS_USUAL * np.nanstd(others)
-        if (((turns and jumps) or alone) and not clipped) or (late and long and not rests):
+        if (turns and jumps and not clipped) or (late and long and not rests):
             stuck.append((start, end))
     return stuck
+
+
+def _axis_stuck(kind: str, values: np.ndarray, axis: int, rate: float) -> list[tuple[int, int]]:
+    """First and last samples of stretches in which one axis repeats its reading while the other axes change as they do
+    in the whole recording, for longer than its repeats elsewhere explain by chance.
+    """
+    steps = np.abs(np.diff(values, axis=0))
+    column, same, change = values[:, axis], steps[:, axis] == 0.0, np.delete(steps, axis, axis=1).sum(axis=1)
+    runs = _long_runs(same, rate)
+    free = change > 0.0
+    for start, end in runs:
+        free[start:end] = False
+    chance = np.log(max(float(same[free].mean()) if free.any() else 1.0, 1e-3))
+    limits = (np.nanmin(column), np.nanmax(column))
+    return [
+        (start, end) for start, end in runs
+        if (end - start) * chance < np.log(at.BY_CHANCE)
+        and np.nanmean(change[start:end]) > at.AS_ELSEWHERE * np.nanmean(change)
+        and not (column[start] in limits and abs(column[start]) > at.FROZEN_CHANGE[kind])
+    ]  # fmt: skip
 
 
 def _repeats(

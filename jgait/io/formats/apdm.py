@@ -68,7 +68,7 @@ def measured(path: Path) -> Measured:
         raise RecordingError(f"{path.name} is no whole HDF5 file; expected {EXPECTED}: {error}") from error
     notes: list[Note] = []
     with file:
-        _check_content(file, h5py, path.name)
+        _check_content(file, h5py, path)
         try:
             parts = _parts(file, h5py, path.name, notes)
         except OSError as error:  # h5py raises it for incomplete data
@@ -114,15 +114,17 @@ def _csv(path: Path) -> Measured:
     return Measured(parts, path.stem, notes=rows.notes)
 
 
-def _check_content(file: "h5py.File", h5py: ModuleType, name: str) -> None:
+def _check_content(file: "h5py.File", h5py: ModuleType, path: Path) -> None:
     """Refuse a file of too many values, or whose content lies in other files: reading it would read any file."""
     datasets: dict[str, Any] = {}
     file.visititems(lambda key, item: datasets.update({key: item}) if isinstance(item, h5py.Dataset) else None)
-    check_size(sum(dataset.nbytes for dataset in datasets.values()), name)
+    check_size(sum(dataset.nbytes for dataset in datasets.values()), path)
     elsewhere = [key for key, dataset in datasets.items() if dataset.external or dataset.is_virtual]
     file.visititems_links(lambda key, kind: elsewhere.append(key) if isinstance(kind, h5py.ExternalLink) else None)
     if elsewhere:
-        raise RecordingError(f"{name}: {elsewhere[0]} is in another file; expected a file that holds its data itself")
+        raise RecordingError(
+            f"{path.name}: {elsewhere[0]} is in another file; expected one that holds its data itself"
+        )
 
 
 def _values(dataset: "h5py.Dataset", where: str) -> np.ndarray:

@@ -214,7 +214,7 @@ def _frames_in_header(file: Path) -> int | None:
     points, analog, first, last = map(int, words[1:5])
     if place > 512 * max(int(words[8]) - 1, 1):
         raise RecordingError(f"{file.name} is damaged: its parameters end at byte {place}, within its data")
-    check_size(8 * (4 * points + analog) * max(last - first + 1, 0), file.name)
+    check_size(8 * (4 * points + analog) * max(last - first + 1, 0), file)
     return last - first + 1 if first <= last < MOST_FRAMES else None
 
 

@@ -15,7 +15,7 @@ their documentation, else not known.
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jgait.io.files import check_columns, check_file, check_size, library
+from jgait.io.files import check_file, read_parquet
 from jgait.io.formats.dialects import BODY_MOBGAP, gaitmap_parts, mobgap_part
 from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
 from jgait.io.part import Measured, joined
@@ -54,7 +54,7 @@ def measured(path: Path) -> Measured:
             raise RecordingError(f"{path.name} holds no table that is called by a placement, such as foot_left.csv")
         return joined([measured(file) for file in files], path.name)
     check_file(path, EXPECTED)
-    table, notes = (_parquet(path), ()) if path.suffix.lower() in PARQUET else read_table(path)
+    table, notes = (read_parquet(path), ()) if path.suffix.lower() in PARQUET else read_table(path)
     if table.columns.nlevels == 2:
         for clock in [column for column in table.columns if column_of(str(column[0])) == "time"][:1]:
             table = table.set_index(clock).rename_axis("time")
@@ -99,18 +99,3 @@ def foreign(path: Path) -> bool:
     lines, _ = first_lines(path)
     row, levels = header_at(lines)
     return levels == 2 or set(BODY_MOBGAP) <= set(split(lines[row].lower(), separator_of(lines[row])))
-
-
-def _parquet(path: Path) -> "pd.DataFrame":
-    """A Parquet file, whose numbers may take little room there and much in memory."""
-    parquet = library("pyarrow.parquet", EXPECTED)
-    try:
-        with parquet.ParquetFile(path) as file:
-            about = file.metadata
-            check_columns(file.schema_arrow.names, path.name)
-            unpacked = sum(about.row_group(group).total_byte_size for group in range(about.num_row_groups))
-            check_size(max(unpacked, 8 * about.num_rows * about.num_columns), path.name)
-            table: pd.DataFrame = file.read().to_pandas()
-            return table
-    except (ValueError, OSError) as error:
-        raise RecordingError(f"{path.name} is no Parquet file: {error}") from error

@@ -121,7 +121,7 @@ def _load(path: Path) -> PyTree:
             how = "in MATLAB, load it and save(file, 'data', '-v7')"
             raise RecordingError(f"{path.name} is a MATLAB file of version 7.3; expected version 5 to 7: {how}")
     scipy_io = library("scipy.io", EXPECTED)
-    check_size(_declared(path), path.name)
+    check_size(_declared(path), path)
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
