@@ -21,9 +21,13 @@ KINDS = {
 """Kind of signal → words for this kind, without accents; a word comes before those that it contains."""
 
 TIMES = re.compile(
-    r"(date|datum)?(time|timestamp|zeit|zeitstempel|uhrzeit|temps|tiempo|tempo|tijd)(s|ms|us|ns|min|h)?|t(ms|us|ns)?|seconds"
+    r"(date|datum)?(time|timestamp|zeit|zeitstempel|uhrzeit|temps|tiempo|tempo|tijd)(s|ms|us|ns|min|h)?|t(ms|us|ns)?|seconds|millis|micros"
 )
 """Words for the clock, perhaps with a unit."""
+
+SHORT = {f"{word}{axis}": f"{kind}_{axis}"
+         for word, kind in (("a", "acc"), ("gf", "acc"), ("g", "gyr"), ("w", "gyr")) for axis in "xyz"}  # fmt: skip
+"""Short name of a column, in lower case → its channel; gF is an acceleration in g, a bare g only beside a is a rate."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")  # words for processed signals, as acceleration without gravity
 CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
@@ -58,8 +62,8 @@ WORDS = {
 longest one that is a word of the name, or several words of it, is used."""
 
 SIDE_WORDS = {
-    "right": ("right", "r", "re", "rechts", "droite", "droit", "derecha", "derecho", "destra", "destro", "dx"),
-    "left": ("left", "l", "le", "li", "links", "gauche", "izquierda", "izquierdo", "sinistra", "sinistro", "sx"),
+    "right": ("right", "r", "rt", "re", "rechts", "droite", "droit", "derecha", "derecho", "destra", "destro", "dx"),
+    "left": ("left", "l", "lt", "le", "li", "links", "gauche", "izquierda", "izquierdo", "sinistra", "sinistro", "sx"),
 }
 """Side → words of a name that state it."""
 
@@ -129,7 +133,11 @@ def _signal(words: list[str]) -> tuple[str, list[str] | None] | None:
     """The channel, and the words beside it (None: they are not whole); None for words of no raw signal."""
     if not words or any(word in NOT_RAW for word in words):
         return None
-    axis, rest = (words[-1], words[:-1]) if words[-1] in ("x", "y", "z") else ("", words)
+    joined = "".join(words)
+    if joined in SHORT:
+        return SHORT[joined], []
+    at = len(words) - 1 - (words[-1] in SIDE_OF)  # the axis ends the name, or stands before its side
+    axis, rest = (words[at], words[:at] + words[at + 1 :]) if words[at] in ("x", "y", "z") else ("", words)
     joined = "".join(rest)
     for kind, synonyms in KINDS.items():
         for synonym in filter(joined.__contains__, synonyms):
@@ -185,6 +193,15 @@ def unit_in_name(name: str) -> str | None:
     return None
 
 
+def is_number(cell: str) -> bool:
+    """Whether a cell holds a number, perhaps with a decimal comma."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
 def _without(words: list[str], taken: str) -> list[str] | None:
     """The words without those whose concatenation is `taken`; None if `taken` is no concatenation of the words."""
     for first in range(len(words)):
@@ -194,11 +211,16 @@ def _without(words: list[str], taken: str) -> list[str] | None:
     return None
 
 
+def _unclear(name: str, given: list[str]) -> bool:
+    """Whether a column is a bare gx, gy or gz without an ax beside it: a rate, or an acceleration in g."""
+    return re.fullmatch(r"\s*g[xyz]\s*", name, re.IGNORECASE) is not None and "ax" not in map(str.lower, given)
+
+
 def recognised(given: list[str], renamed: list[str], placement: str | None) -> dict[int, str]:
     """Column → jgait's name, for columns with a lab's names; left out where two columns have the same jgait name."""
     names: dict[int, str] = {}
     for index, name in enumerate(given):
-        known = None if renamed[index] in COLUMNS else column_of(name)
+        known = None if renamed[index] in COLUMNS or _unclear(name, given) else column_of(name)
         if known in CHANNELS:
             known = None if placement is None else f"{placement}_{known}"
         if known is not None and known not in renamed:
@@ -219,10 +241,12 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
         given: names of all columns.
         name: of the table.
     """
+    if sum(map(is_number, given)) > len(given) / 2:
+        return RecordingError(f"{name} has no header: it begins with {_few(given)}; write names of its columns above")
     signals = {kind: [column for column in given if states(column, kind)] for kind in ("gyr", "acc")}
     if signals["acc"] and not signals["gyr"]:
         return RecordingError(f"{name} holds no gyroscope, which every method needs; found {_few(signals['acc'])}")
-    if not lacking and any(column_of(column) in CHANNELS for column in given):
+    if not lacking and any(column_of(column) in CHANNELS and not _unclear(column, given) for column in given):
         return RecordingError(
             f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "
             "place, such as {argument}", argument="placement", value="waist",

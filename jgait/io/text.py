@@ -4,6 +4,7 @@ Every reader of text finds its header in the first lines (`first_lines`, `Head`)
 """
 
 import csv
+import itertools
 import re
 import warnings
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.files import LONGEST_LINE, cells_in_lines, check_brand, check_columns, check_file, check_size
-from jgait.io.names import like_a_signal, unit_in_name
+from jgait.io.names import is_number, like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
 from jgait.notes import AS_READ, DATA_LOST, Note
 from jgait.types import RecordingError
@@ -207,7 +208,13 @@ def header_at(lines: Sequence[str]) -> tuple[int, int]:
                 before = split(lines[row - 1], separator) if row else ()
                 two = len(before) == line.count(separator) + 1 and sum(map(bool, before)) > len(before) / 2
                 return (row - 1, 2) if two else (row, 1)
-    return next((row for row, line in enumerate(lines) if line.strip()), 0), 1
+    # else the line above the first one of numbers, or the first line
+    filled = [row for row, line in enumerate(lines) if line.strip()]
+    for before, row in itertools.pairwise(filled):
+        cells = split(lines[row], separator_of(lines[row]))
+        if len(cells) > 2 and sum(map(is_number, cells)) > len(cells) / 2:
+            return before, 1
+    return (filled or [0])[0], 1
 
 
 def _axis(cell: str) -> bool:
@@ -223,15 +230,6 @@ def _units(cells: Sequence[str]) -> tuple[str, ...]:
 
 def _is_unit(cell: str) -> bool:
     return known_unit(cell) is not None or cell in TIMES
-
-
-def is_number(cell: str) -> bool:
-    """Whether a cell holds a number, perhaps with a decimal comma."""
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _with_unit(column: str, unit: str, name: str) -> str:

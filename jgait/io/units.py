@@ -17,7 +17,7 @@ ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
 """Unit of a specific force → m/s²."""
 
 SPELT = {
-    "deg/s": ("°/s", "o/s", "°s-1", "dps", "degps", "degs", "degs-1", "grad/s"),
+    "deg/s": ("°/s", "o/s", "°s-1", "d/s", "dps", "degps", "degs", "degs-1", "grad/s"),
     "rad/s": ("rads", "rads-1", "radps"),
     "mdeg/s": ("mdps", "m°/s"),
     "mrad/s": ("mrads", "mrads-1", "mradps"),

@@ -15,14 +15,15 @@ KNOWN = {
     "thigh_right_acc": ("muslo_derecho_acc_x", "Oberschenkel_rechts_Beschleunigung_x"),
     "foot_left": ("LFoot.Gyro.X", "foot_L_5_gyr_x", "LF_gyro_x_rads", "Pied Gauche Gyro X",
                   "piede sinistro giroscopio x"),
-    "foot_left_acc": ("Fuß_li_acc_x",),
     "lower_back": ("L5 Gyr_X", "Lumbar Gyro X", "lowerback gyrx"),
     "lower_back_acc": ("L5_Acc_X", "l4AccX"),
     "pelvis": ("Kreuzbein_Drehrate_x",),
     "shank_left": ("GyroUnterschenkelLinks_x", "shank_l_gyr_x"),
     "shank_right_acc": ("pierna derecha Aceleración X",),
     "ankle_right": ("Knöchel re Gyr X",),
-    "": ("gyrX", "Gyr_X"),
+    "foot_left_acc": ("Foot Accel Sensor X LT (mG)", "Fuß_li_acc_x"),
+    "": ("gyrX", "Gyr_X", "gx", "wx (rad/s)", "Gyro-X (d/s)"),
+    "_acc": ("ax", "gFx"),
     None: ("", "Date", "Quat_x", "mag_x", "Temp", "Packet counter", "FreeAcc_X", "Pelvis Linear Acceleration X",
            "tigh_right_gyr_x", "thigh_gyr_x", "gyr", "heart rate", "thigh_right_gyr"),
     "time": ("Time (ms)", "time_us", "timestamp", "Zeit_s", "t_ms", "Datetime", "Date Time", "Datum_Uhrzeit"),
@@ -32,8 +33,8 @@ KNOWN = {
 
 @pytest.mark.parametrize(("known", "name"), [(known, name) for known, names in KNOWN.items() for name in names])
 def test_words_of_a_column_give_its_placement(known, name):
-    kind = "" if str(known).endswith("_acc") else "gyr" if not known else "_gyr"
-    assert column_of(name) == (known if known in (None, "time") else f"{known}{kind}_x")
+    kind = "" if str(known).endswith("_acc") else "_gyr"
+    assert column_of(name) == (known if known in (None, "time") else f"{known}{kind}_x".removeprefix("_"))
 
 
 PLACES = {
@@ -63,6 +64,23 @@ def test_placements_taken_from_names_are_noted():
     (told,) = (note for note in texts(recording.notes) if "recognised by their names" in note)
     assert "'Gyro Shank R Y' as shank_right_gyr_y" in told
     assert "columns left out: Mag X" in texts(recording.notes)
+
+
+def test_a_bare_g_is_a_rate_only_beside_an_acceleration(tmp_path):
+    names = ["gx", "gy", "gz"]
+    whole = walking(names).assign(ax=9.8, ay=0.0, az=0.0)
+    assert io.recording_from_dataframe(whole, placement="shank_right").sensors["shank_right"].acc is not None
+    with pytest.raises(RecordingError, match="no column that is recognised"):
+        io.recording_from_dataframe(walking(names), placement="shank_right")
+    walking(names).to_csv(tmp_path / "walk.csv", header=False, index=False)
+    with pytest.raises(RecordingError, match="has no header: it begins with"):
+        io.read_csv(tmp_path / "walk.csv")
+
+
+def test_lines_of_facts_above_a_header_in_unknown_words_are_passed_over(tmp_path):
+    rows = walking(["Foot Gyroscope X LT", "Foot Gyroscope Y LT", "Foot Gyroscope Z LT"]).to_csv(index=False)
+    (tmp_path / "walk.csv").write_text(f"Type,Ultium\nFrequency,100.0\n{rows}")
+    assert list(io.read_csv(tmp_path / "walk.csv").sensors) == ["foot_left"]
 
 
 def test_columns_of_a_sensor_without_a_known_place_are_no_small_matter():

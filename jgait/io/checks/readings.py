@@ -223,7 +223,8 @@ def _axis_stuck(kind: str, values: np.ndarray, axis: int, rate: float) -> list[t
     """
     steps = np.abs(np.diff(values, axis=0))
     column, same, change = values[:, axis], steps[:, axis] == 0.0, np.delete(steps, axis, axis=1).sum(axis=1)
-    runs = _long_runs(same, rate)
+    if not (runs := _long_runs(same, rate)):
+        return []
     free = change > 0.0
     for start, end in runs:
         free[start:end] = False

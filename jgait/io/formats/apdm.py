@@ -122,9 +122,7 @@ def _check_content(file: "h5py.File", h5py: ModuleType, path: Path) -> None:
     elsewhere = [key for key, dataset in datasets.items() if dataset.external or dataset.is_virtual]
     file.visititems_links(lambda key, kind: elsewhere.append(key) if isinstance(kind, h5py.ExternalLink) else None)
     if elsewhere:
-        raise RecordingError(
-            f"{path.name}: {elsewhere[0]} is in another file; expected one that holds its data itself"
-        )
+        raise RecordingError(f"{path.name}: {elsewhere[0]} is in another file; expected one that holds its data itself")
 
 
 def _values(dataset: "h5py.Dataset", where: str) -> np.ndarray:

@@ -12,6 +12,7 @@ not stated; a sensor is called by its file. *Axes*: the sensor's, printed on its
 import re
 
 from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.names import states
 from jgait.io.part import Measured, Part
 
 RATE = re.compile(r"gyro\w*\s*\[\s*([\d.]+)\s*hz\s*\]", re.IGNORECASE)
@@ -19,7 +20,8 @@ RATE = re.compile(r"gyro\w*\s*\[\s*([\d.]+)\s*hz\s*\]", re.IGNORECASE)
 
 def _is_header(cells: tuple[str, ...]) -> bool:
     plain = [cell.lower() for cell in cells]
-    return "gyro x" in plain and "time" in plain
+    accelerometer = "accel x" in plain or not any(states(cell, "acc") for cell in cells)
+    return "gyro x" in plain and "time" in plain and accelerometer
 
 
 def _content(rows: Rows) -> Measured:

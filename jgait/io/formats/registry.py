@@ -55,6 +55,7 @@ OTHERS = {
     ".c3d": "is a motion capture without inertial sensors that jgait reads: jgait.io.read_c3d reads markers and analog "
     "signals",
     **dict.fromkeys((".mot", ".sto"), "holds no inertial sensors that jgait reads: jgait.io.read_opensim reads angles"),
+    ".trc": "holds markers, and no inertial sensors",
     ".gt3x": "is of an ActiGraph, whose accelerometer alone (read by pygt3x) is not enough: every method needs a "
     "gyroscope; of a GT9X Link, export the IMU as CSV from ActiLife",
     ".mtb": "is Xsens' binary log: export inertial data as text from MT Manager",

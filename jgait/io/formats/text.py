@@ -13,8 +13,9 @@ import numpy as np
 
 from jgait.io.clock import TIME_UNITS
 from jgait.io.files import LONGEST_NAME, check_columns, check_file, numbers
+from jgait.io.names import is_number
 from jgait.io.part import Measured, joined
-from jgait.io.text import HEADER_WITHIN, Head, first_lines, head_of, is_number, rows_of, separator_of, split
+from jgait.io.text import HEADER_WITHIN, Head, first_lines, head_of, rows_of, separator_of, split
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
 from jgait.notes import Note
 from jgait.types import RecordingError
