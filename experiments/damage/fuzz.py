@@ -48,7 +48,7 @@ def damaged(content: bytes, draw: np.random.Generator) -> bytes:
             break
         begin = int(draw.integers(size))
         end = min(size, begin + int(draw.integers(1, 65)))
-        match int(draw.integers(9)):
+        match int(draw.integers(10)):
             case 0:
                 for at in draw.integers(size, size=8):
                     data[at] ^= 1 << int(draw.integers(8))
@@ -74,7 +74,39 @@ def damaged(content: bytes, draw: np.random.Generator) -> bytes:
                 first = int(draw.integers(len(cuts)))
                 last = cuts[first + 1] if first + 1 < len(cuts) else size
                 data[cuts[first] + 1 : last] = CELLS[int(draw.integers(len(CELLS)))]
+            case 9:
+                data = bytearray(rewritten(bytes(data), draw))
     return bytes(data)
+
+
+def rewritten(text: bytes, draw: np.random.Generator) -> bytes:
+    """A table as another program, or a person in an editor, would have written it."""
+    lines = text.splitlines()
+    row, separator = int(draw.integers(len(lines) or 1)), max((b",", b"\t", b";"), key=text.count)
+    match int(draw.integers(9)):
+        case 0:
+            return text.replace(separator, (b",", b"\t", b";", b" ", b"  ")[int(draw.integers(5))])
+        case 1:
+            return text.replace(b".", b",") if separator == b"," else text.replace(b".", b",").replace(b"\t", b";")
+        case 2:
+            order = draw.permutation(max((line.count(separator) for line in lines), default=0) + 1)
+            cells = [line.split(separator) for line in lines]
+            lines = [separator.join(each[k] for k in order if k < len(each)) for each in cells]
+        case 3:
+            lines[row:row] = lines[int(draw.integers(len(lines) or 1)) :][: int(draw.integers(1, 9))]
+        case 4:
+            lines = [part for line in lines for part in ((line, b"") if draw.random() < 0.2 else (line,))]
+        case 5:
+            lines = [line for line in lines if draw.random() < 0.9]
+        case 6:
+            word = (b"NaN", b"n/a", b"-", b"#N/A", b"1e300", b"-9999", b"true", b"\xb5")[int(draw.integers(8))]
+            cells = [[word if draw.random() < 0.02 else cell for cell in line.split(separator)] for line in lines]
+            lines = [separator.join(each) for each in cells]
+        case 7:
+            lines = lines[: int(draw.integers(1, 5))]
+        case 8:
+            return text.decode("utf-8", "replace").encode("utf-16")
+    return b"\r\n".join(lines) if draw.random() < 0.3 else b"\n".join(lines)
 
 
 def variants(sample: Sample, number: int, seed: int) -> Iterator[dict[str, bytes]]:

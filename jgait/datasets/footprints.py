@@ -19,7 +19,6 @@ Keys of `Walk.info`:
     footprints: {"samples": (n,) int, the last sample of each stance as published (the shoe's angular rate is then up
         to 1.3 rad/s), "time": (n,) [s], "position": (n, 2) [m]}, from above, the first at the origin; None
         where there are none.
-    ruler: {"position": (n, 2) [m] in the corridor's axes, "tile" [m] edge of a floor tile}; None without the file.
     speed: [m/s] from the first footprint to the last; None where there are none.
     no_reference: why there is no reference; None where there is one.
     verified: whether every file's sha256 was known and agreed.
@@ -63,7 +62,7 @@ def load_one(name: str) -> Walk:
         raise RecordingError(f"{path.name}: imu_data must be (T, 6), acceleration and rate; got {values.shape}")
     time = np.asarray(raw["timestamps"], np.float64)
     imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
-    why, ruler = _ruler(name, files)
+    why = _not_measured(name, files)
     prints = None
     if not why:
         why, prints = _footprints(name, time, files)
@@ -76,20 +75,16 @@ def load_one(name: str) -> Walk:
         speed = float(distance[-1] / (at[-1] - at[0]))
     recording = Recording({"foot_right": imu}, rate_hz, name, "footprints", tuple(files.notes))
     return Walk(recording, reference, {
-        "footprints": prints, "ruler": ruler, "speed": speed, "no_reference": why, "verified": files.verified,
+        "footprints": prints, "speed": speed, "no_reference": why, "verified": files.verified,
     })  # fmt: skip
 
 
-def _ruler(name: str, files: Files) -> tuple[str | None, dict[str, Any] | None]:
-    """Why the footprints cannot be used, None where they can; and the ruler's measurements, if they are here."""
+def _not_measured(name: str, files: Files) -> str | None:
+    """Why the publisher does not use the footprints; None where nothing is said."""
     path = files.find(f"{RULER}/{name}.mat")
-    if path is None:
-        return None, None
-    if not read_mat(path, ("GCP_exist_and_correct",))["GCP_exist_and_correct"]:
-        return f"{path.name} says that the footprints were not measured, or not correctly", None
-    content = read_mat(path, ("GCP_meters", "tile_edge_length"))
-    position = np.asarray(content["GCP_meters"], np.float64)
-    return None, {"position": position, "tile": float(content["tile_edge_length"])}
+    if path is None or read_mat(path, ("GCP_exist_and_correct",))["GCP_exist_and_correct"]:
+        return None
+    return f"{path.name} says that the footprints were not measured, or not correctly"
 
 
 def _footprints(name: str, time: np.ndarray, files: Files) -> tuple[str | None, dict[str, Any] | None]:

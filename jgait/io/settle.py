@@ -59,8 +59,6 @@ def settle(
     given, usual = {"gyr": gyr_unit, "acc": acc_unit}, usual or {}
     units_by_kind = {kind: _units(placed, kind, unit, usual.get(kind), called, notes) for kind, unit in given.items()}
     units = {where: {kind: units_by_kind[kind][where] for kind in given} for where in placed}
-    for where, part in placed.items() if not usual else ():
-        notes += _which_way_up(part, where)
     sensors = {
         where: {
             kind: np.asarray(values, np.float64)
@@ -166,14 +164,3 @@ def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list
         why = f"for the {what} is {sizes[largest]:.4g}" if where == largest else f"as {largest}"
         notes.append(DEDUCED.note(f"the file states no unit of {signal}; {fits[0]}, {why}", placement=where))
     return dict.fromkeys(sizes, fits[0])
-
-
-def _which_way_up(part: Part, where: str) -> list[Note]:
-    """Which of the sensor's axes points up, from the accelerometer, and what is known of the axes."""
-    mean = np.zeros(3) if part.acc is None else np.nanmean(np.asarray(part.acc, np.float64), axis=0)
-    size, axis = float(np.linalg.norm(mean)), int(np.argmax(np.abs(mean)))
-    facts = [f"axes {part.axes}"] if part.axes and (part.acc is None or size > 0.0) else []
-    if size > 0.0:
-        name = f"{'-' if mean[axis] < 0 else '+'}{'xyz'[axis]}"
-        facts.insert(0, f"the sensor's {name} points up ({abs(mean[axis]) / size:.2f} of gravity)")
-    return [AS_READ.note("; ".join(facts), placement=where)] if facts else []

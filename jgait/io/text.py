@@ -6,7 +6,6 @@ Every reader of text finds its header in the first lines (`first_lines`, `Head`)
 import csv
 import itertools
 import re
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -103,20 +102,15 @@ def rows_of(path: Path, head: Head, *, strict: bool) -> tuple["pd.DataFrame", tu
         raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
     check_size(8 * len(cells) * columns, path)
     cut = rows.size > 1 and cells[rows[-1]] < cells[rows[-2]]
-    if strict:
-        _check_lengths(cells, rows[: rows.size - cut], columns, path.name)
+    _check_lengths(cells, rows[: rows.size - cut], head, path.name, strict)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows that are longer than the header
-            table = pd.read_csv(
-                path, sep=head.separator, decimal=head.decimal, header=None, names=range(columns), index_col=False,
-                skiprows=head.first, nrows=rows.size - cut, skipinitialspace=head.separator != " ",
-                encoding=head.encoding, encoding_errors="replace", low_memory=False,
-            )  # fmt: skip
-    except pd.errors.ParserWarning as error:
-        raise RecordingError(f"{path.name} has rows with more values than the header has columns") from error
+        table = pd.read_csv(
+            path, sep=head.separator, decimal=head.decimal, header=None, names=range(columns), index_col=False,
+            skiprows=head.first, nrows=rows.size - cut, skipinitialspace=head.separator != " ",
+            encoding=head.encoding, encoding_errors="replace", low_memory=False,
+        )  # fmt: skip
     except pd.errors.ParserError as error:
-        raise RecordingError(f"{path.name} is no table: {_why(error, head)}") from error
+        raise RecordingError(f"{path.name} is no table: {error}") from error
     if not cut:
         return table, ()
     with path.open("rb") as stream:
@@ -130,19 +124,17 @@ def rows_of(path: Path, head: Head, *, strict: bool) -> tuple["pd.DataFrame", tu
     return table, (DATA_LOST.note(text, value=repr(last), **counts),)
 
 
-def _check_lengths(cells: np.ndarray, rows: np.ndarray, columns: int, name: str) -> None:
-    """Refuse rows that are not all as long as the header, or longer by a separator at the end."""
-    counts = cells[rows[0] : rows[-1] + 1]
-    if counts[0] not in (columns, columns + 1):
-        raise RecordingError(
-            f"{name}, line {rows[0] + 1}: the header has {columns} columns, the row has {counts[0]} values"
-        )
-    wrong = np.flatnonzero(counts != counts[0])
+def _check_lengths(cells: np.ndarray, rows: np.ndarray, head: Head, name: str, strict: bool) -> None:
+    """Refuse rows that are longer than the header, but by a separator at the end; in a strict table all that differ."""
+    columns = len(head.names)
+    usual = columns + int(cells[rows[0]] == columns + 1)
+    wrong = rows[(cells[rows] != usual) & (cells[rows] != 0) if strict else cells[rows] > usual]
     if len(wrong):
-        what = "is cut off" if counts[wrong[0]] < counts[0] else "is too long"
+        names = head.separator.join(head.names).strip()[:80]
+        what = "is cut off" if cells[wrong[0]] < usual else "is too long"
         raise RecordingError(
-            f"{name}, line {rows[0] + 1 + wrong[0]}: the row {what}: expected {counts[0]} values, "
-            f"found {counts[wrong[0]]}"
+            f"{name}, line {wrong[0] + 1}: the row {what}: it has {cells[wrong[0]]} values, the header {columns}: "
+            f"{names!r}; expected one line with a name for each column, such as foot_left_gyr_x, above the numbers"
         )
 
 
@@ -242,15 +234,3 @@ def _with_unit(column: str, unit: str, name: str) -> str:
             f"{name}: the column {column!r} has {unit!r} in the row below the header; correct one of the two units"
         )
     return f"{column} [{unit}]"
-
-
-def _why(error: Exception, head: Head) -> str:
-    """The reason in words why the rows do not fit the header."""
-    match = re.search(r"Expected \d+ fields in line (\d+), saw (\d+)", str(error))
-    if not match:
-        return str(error)
-    header = head.separator.join(head.names).strip()[:80]
-    return (
-        f"line {match[1]} has {match[2]} values, and the header {len(head.names)}: {header!r}; "
-        "expected one line with a name for each column, such as foot_left_gyr_x, above the numbers"
-    )

@@ -42,8 +42,7 @@ def csv(folder, name=NAME):
 
 
 def ruler(folder, name, correct):
-    measured = {"GCP_exist_and_correct": correct, "GCP_meters": PLAN * [1, -1], "tile_edge_length": 0.405}
-    savemat(folder / "own" / f"{name}.mat", measured)
+    savemat(folder / "own" / f"{name}.mat", {"GCP_exist_and_correct": correct})
 
 
 def test_axes_footprints_and_distance(folder):
@@ -58,8 +57,7 @@ def test_axes_footprints_and_distance(folder):
     assert prints["samples"].tolist() == SAMPLES.tolist()
     np.testing.assert_allclose(prints["time"], SAMPLES * 0.005)
     np.testing.assert_allclose(prints["position"], [[0, 0], [0, 0.7], [0, 1.9], [1.0, 1.9]])
-    np.testing.assert_allclose(walk.info["ruler"]["position"], prints["position"])
-    assert walk.info["ruler"]["tile"] == 0.405 and walk.info["verified"] is False
+    assert walk.info["verified"] is False
     along = walk.reference.distance[[0, 400, 500, 600, 850, 1000, 1199]]
     np.testing.assert_allclose(along, [0, 0, 0.35, 0.7, 1.9, 2.9, 2.9])
     assert walk.reference.valid[1000] and not walk.reference.valid[1001]
@@ -78,7 +76,7 @@ def test_missing_files_are_reported(folder):
     csv(folder, "SensorConnectData_78").unlink()
     walks = {walk.recording.name: walk for walk in datasets.load("footprints")}
     one = walks[NAME]
-    assert one.info["ruler"] is None and one.info["footprints"] is not None
+    assert one.info["footprints"] is not None
     assert any("own/SensorConnectData_77.mat" in note for note in texts(one.recording.notes))
     ruler(folder, NAME, correct=0)
     wrong = datasets.load("footprints", [NAME])[0]
@@ -131,11 +129,3 @@ def test_the_shoe_turns_as_the_footprints_do(walk):
     above = agreement(imu, STANDS, prints["samples"], prints["position"])
     below = agreement(imu, STANDS, prints["samples"], prints["position"] * [1, -1])
     assert above > 0.9 and above > below + 0.15
-
-
-def test_footprints_are_the_ruler_s_turned_and_not_mirrored(walk):
-    ruler, prints = (np.asarray(p) - np.mean(p, axis=0) for p in (walk.info["ruler"]["position"],
-                                                                  walk.info["footprints"]["position"]))  # fmt: skip
-    u, _, vt = np.linalg.svd(ruler.T @ prints)
-    assert np.linalg.det(u @ vt) == pytest.approx(1)
-    np.testing.assert_allclose(ruler @ u @ vt, prints, atol=1e-9)

@@ -40,7 +40,6 @@ CSV = b"Format="
 """First bytes of a CSV."""
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-AXES = "as printed on the Opal's case"
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -110,7 +109,7 @@ def _csv(path: Path) -> Measured:
         if gyr is None:
             raise RecordingError(f"{path.name}: the sensor {label!r} has no Gyroscope X, Y, Z")
         begin_s = None if stamps is None else float(stamps[0]) * 1e-6
-        parts.append(Part(label, gyr, acc, time, gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES, begin_s=begin_s))
+        parts.append(Part(label, gyr, acc, time, gyr_unit="rad/s", acc_unit="m/s^2", begin_s=begin_s))
     return Measured(parts, path.stem, notes=rows.notes)
 
 
@@ -183,7 +182,7 @@ def _part(
     acc = None
     if force in group:
         acc = three_columns(_values(group[force], f"{where}/{force}"), f"{where}/{force}", len(gyr))
-    part = Part(label, gyr, acc, None, positive(rate), gyr_unit="rad/s", acc_unit="m/s^2", axes=AXES)
+    part = Part(label, gyr, acc, None, positive(rate), gyr_unit="rad/s", acc_unit="m/s^2")
     stamps = _values(timed["Time"], f"{where}: Time").ravel() if "Time" in timed else np.zeros(len(gyr))
     if stamps.shape != (len(gyr),):
         raise RecordingError(f"{where}: Time must have shape ({len(gyr)},); it has {stamps.shape}")

@@ -2,14 +2,13 @@
 
 *Format*: Brain Imaging Data Structure, "Motion" (since 1.9; Jeung et al. 2024, Scientific Data 11:716). The motion file
 has no header; `channels.tsv` lists in its order what the columns are: name, component (x, y, z), type (ACCEL, GYRO, …),
-tracked_point, units, perhaps placement, reference_frame, status. `motion.json` states SamplingFrequency and
+tracked_point, units, perhaps placement, status. `motion.json` states SamplingFrequency and
 perhaps SamplingFrequencyEffective, the measured one, which counts [Hz]; a channel
 of type LATENCY, where there is one, is the time [s]. Both may lie in a folder further up (the inheritance principle).
 A header that repeats the names of the channels, which many writers add, is passed over and noted.
 
 *Units* are stated, channel by channel; `n/a` is a question to the signals. *Placements*: tracked_point, else the
-column placement. *Axes*: the channels' reference_frame and what `channels.json` states of it; kept. *Subject*: the
-entity `sub-`, with what `participants.tsv` states. Other tracking systems of the same walk are noted.
+column placement. *Subject*: the entity `sub-`. Other tracking systems of the same walk are noted.
 """
 
 import os
@@ -71,9 +70,8 @@ def measured(path: Path) -> Measured:
         notes.append(AS_READ.note(f"motion.json: SamplingFrequencyEffective {rate:g} Hz beside {nominal:g} Hz"))
     _, latency, unit = _signal(path, "", channels, "LATENCY", values)
     time = None if latency is None else TIME_UNITS[unit or "s"] * latency[:, 0]
-    frames = _frames(path, stem)
     points = {point: channels[channels["tracked_point"] == point] for point in dict.fromkeys(channels["tracked_point"])}
-    parts = [_part(path, point, rows, values, time, rate, frames, notes) for point, rows in points.items()
+    parts = [_part(path, point, rows, values, time, rate, notes) for point, rows in points.items()
              if "GYRO" in set(rows["type"])]  # fmt: skip
     if not parts:
         kinds = ", ".join(sorted(set(channels["type"])))
@@ -84,8 +82,7 @@ def measured(path: Path) -> Measured:
     if others := sorted(file.name for file in path.absolute().parent.glob(pattern) if file.name != path.name):
         notes.append(AS_READ.note("the same walk was measured by other systems too: {files}", files=others))
     entity = re.match(r"sub-([^_]+)", path.name)
-    subject = entity.group(1) if entity else ""
-    return Measured(parts, stem, subject, (*notes, *_participant(path, subject)))
+    return Measured(parts, stem, entity.group(1) if entity else "", tuple(notes))
 
 
 def _folders(path: Path) -> list[Path]:
@@ -191,7 +188,7 @@ def _signal(
 
 def _part(
     path: Path, point: str, rows: "pd.DataFrame", values: np.ndarray, time: np.ndarray | None, rate: float | None,
-    frames: dict[str, str], notes: list[Note],
+    notes: list[Note],
 ) -> Part:  # fmt: skip
     """One tracked point, which has a gyroscope."""
     names, gyr, gyr_unit = _signal(path, point, rows, "GYRO", values)
@@ -205,29 +202,4 @@ def _part(
         notes.append(CHANNELS_BAD(sensor=point, channels=bad))
     if "sampling_frequency" in rows:
         rate = positive(rate, *used["sampling_frequency"])
-    frame = next(filter(None, used["reference_frame"]), "") if "reference_frame" in rows else ""
-    axes = f"in the reference frame {frame!r}{frames.get(frame, '')}" if frame else ""
-    return Part(point, np.asarray(gyr), acc, time, rate, gyr_unit, acc_unit, place, axes)
-
-
-def _frames(path: Path, stem: str) -> dict[str, str]:
-    """Reference frame → what `channels.json` states of its axes."""
-    files = _inherited(path, stem, "channels.json")
-    levels = json_object(files[0]).get("reference_frame", {}).get("Levels", {}) if files else {}
-    frames = {}
-    for name, about in levels.items():
-        keys = ("SpatialAxes", "RotationRule") if isinstance(about, dict) else ()
-        axes = ", ".join(f"{key} {about[key]}" for key in keys if key in about)
-        frames[name] = f" ({axes})" if axes else ""
-    return frames
-
-
-def _participant(path: Path, subject: str) -> list[Note]:
-    """Notes with the data of the person in `participants.tsv`."""
-    file = _folders(path)[-1] / "participants.tsv"
-    table = _table(file, dtype=str) if file.exists() else None
-    if table is None or "participant_id" not in table:
-        return []
-    rows = table[table["participant_id"].isin([f"sub-{subject}", subject])].drop(columns="participant_id")
-    facts = [f"{column} {value}" for column, value in rows.head(1).stack().droplevel(0).items()]
-    return [AS_READ.note("participants.tsv: {facts}", facts=facts)] if facts else []
+    return Part(point, np.asarray(gyr), acc, time, rate, gyr_unit, acc_unit, place)

@@ -43,7 +43,7 @@ def measured(path: Path) -> Measured:
     gyr, acc = (table[[f"{kind}_{axis}" for axis in "xyz"]].to_numpy(np.float64) for kind in ("gyro", "acc"))
     time = (table.index - table.index[0]).total_seconds().to_numpy(np.float64)
     part = Part(
-        path.stem, gyr, acc, time, gyr_unit="deg/s", acc_unit="g", axes="as printed on the device's case",
+        path.stem, gyr, acc, time, gyr_unit="deg/s", acc_unit="g",
         begin_s=table.index[0].timestamp(),
     )  # fmt: skip
     return Measured([part], path.stem)

@@ -34,9 +34,6 @@ SIGNS_GAITMAP = {"left": (-1, -1, -1, 1, 1, -1), "right": (1, -1, 1, 1, -1, -1)}
 BODY_MOBGAP = ("gyr_is", "gyr_ml", "gyr_pa", "acc_is", "acc_ml", "acc_pa")
 """mobgap's names in the body frame, of the channels `gyr_x` … `acc_z`."""
 
-AXES_GAITMAP = "gaitmap's sensor frame: x towards the toes, y left, z up, if the data were aligned"
-AXES_MOBGAP = "mobgap's sensor frame: x up, y right, z forward"
-
 
 def recording_from_gaitmap(
     dataset: "Mapping[str, pd.DataFrame] | pd.DataFrame",
@@ -124,13 +121,13 @@ def gaitmap_parts(
             raise RecordingError(f"{name}: {why}; give its placement")
         if body:
             part = part._replace(gyr=part.gyr * signs[:3], acc=part.acc * signs[3:])
-        parts.append(part._replace(label=sensor, placement=where, axes=AXES_GAITMAP))
+        parts.append(part._replace(label=sensor, placement=where))
     return parts
 
 
 def mobgap_part(table: "pd.DataFrame", name: str) -> Part:
     """The part of mobgap's sensor, which sat at the lower back."""
-    return _part(table, BODY_MOBGAP, name)[0]._replace(placement="lower_back", axes=AXES_MOBGAP)
+    return _part(table, BODY_MOBGAP, name)[0]._replace(placement="lower_back")
 
 
 def _part(table: "pd.DataFrame", body: tuple[str, ...], name: str) -> tuple[Part, bool]:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jgait.io.formats.mtw import COUNTER, counted, is_header, signals, starts
-from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.formats.text import Rows, TextFormat
 from jgait.io.part import Measured, Part, joined
 from jgait.io.text import first_lines
 from jgait.notes import DEDUCED
@@ -61,7 +61,7 @@ def _content(rows: Rows) -> Measured:
         facts.get("devicetag") or rows.path.stem, gyr, acc,
         time=None if stamps is None else MICROSECONDS * stamps,
         sampling_rate_hz=rate if stamps is None else None,
-        gyr_unit="deg/s", acc_unit="m/s^2", axes=AXES,
+        gyr_unit="deg/s", acc_unit="m/s^2",
         packets=counted(rows, COUNTER, TIME_BITS) if stamps is None else None,
     )  # fmt: skip
     return Measured([part], rows.path.stem)

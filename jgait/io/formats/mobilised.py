@@ -38,7 +38,6 @@ COMPRESSED = 15
 """Type of an element of a MATLAB file that is packed by zlib."""
 DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; if two devices have a sensor at one placement, the first is used."""
-AXES = "as the device's (worn as usual at the lower back: x up, y right, z forward)"
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -201,8 +200,7 @@ def _part(place: str, sensor: Tree, where: str, notes: list[Note]) -> Part:
         raise RecordingError(f"{where}.Fs must be positive; it is {rates['Gyr']}")
     if acc is not None and positive(rates.get("Acc", rate)) != rate:
         raise RecordingError(f"{where}: Acc and Gyr must share a rate; Fs states {rates['Acc']} and {rates['Gyr']} Hz")
-    axes = AXES if placement_of(place) == "lower_back" else ""
-    part = Part(place, gyr, acc, np.arange(len(gyr)) / rate, rate, "deg/s", "g", axes=axes)
+    part = Part(place, gyr, acc, np.arange(len(gyr)) / rate, rate, "deg/s", "g")
     if "Timestamp" not in sensor or not len(gyr):
         return part
     stamps = np.asarray(sensor["Timestamp"], np.float64).ravel()

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from jgait.io.checks.sizes import BY_SIZE
-from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.formats.text import Rows, TextFormat
 from jgait.io.names import COLUMNS, column_of
 from jgait.io.part import Measured, Part
 from jgait.notes import DEDUCED
@@ -83,7 +83,7 @@ def _content(rows: Rows) -> Measured:
     likely = bool(fast < BY_SIZE["gyr"].limits["rad/s"][1])
     part = Part(
         serial.group(1) if serial else stem, gyr, acc, sampling_rate_hz=float(stated.group(1)) if stated else None,
-        gyr_unit="rad/s" if likely else None, acc_unit="m/s^2", axes=AXES,
+        gyr_unit="rad/s" if likely else None, acc_unit="m/s^2",
         packets=counted(rows, COUNTER, COUNTER_BITS), packets_wrap=2**COUNTER_BITS,
     )  # fmt: skip
     doubt = DEDUCED.note(f"{stem}: rates are too large for rad/s, Xsens' unit by its manual")

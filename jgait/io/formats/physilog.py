@@ -11,7 +11,7 @@ not stated; a sensor is called by its file. *Axes*: the sensor's, printed on its
 
 import re
 
-from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.formats.text import Rows, TextFormat
 from jgait.io.names import states
 from jgait.io.part import Measured, Part
 
@@ -32,7 +32,7 @@ def _content(rows: Rows) -> Measured:
     stated = RATE.search("\n".join(rows.before))
     part = Part(
         rows.path.stem, gyr, acc, time=rows.seconds(rows.where("Time") or 0, "s"),
-        sampling_rate_hz=float(stated.group(1)) if stated else None, gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,
+        sampling_rate_hz=float(stated.group(1)) if stated else None, gyr_unit=gyr_unit, acc_unit=acc_unit,
     )  # fmt: skip
     return Measured([part], rows.path.stem)
 

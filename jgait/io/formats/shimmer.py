@@ -15,7 +15,7 @@ import re
 import numpy as np
 
 from jgait.geometry.vectors import GRAVITY
-from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.formats.text import Rows, TextFormat
 from jgait.io.part import Measured, Part
 from jgait.io.units import ACC_UNITS
 from jgait.notes import AS_READ, Note
@@ -67,7 +67,7 @@ def _part(rows: Rows, device: str, kinds: dict[str, set[str]], notes: list[Note]
             notes.append(AS_READ.note(f"{device}: {name} taken{why}"))
     return Part(
         device, gyr[timed], None if acc is None else acc[timed],
-        time=None if time is None else time[timed], gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES,
+        time=None if time is None else time[timed], gyr_unit=gyr_unit, acc_unit=acc_unit,
     )  # fmt: skip
 
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 HEAD = 4096  # [bytes] number of first bytes of a file that are read to recognise its format
 RAW = "lsb"  # unit of numbers that are not calibrated
-AXES = "as printed on the sensor's case"
 
 
 class Rows(NamedTuple):

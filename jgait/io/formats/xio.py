@@ -15,7 +15,7 @@ import re
 
 import numpy as np
 
-from jgait.io.formats.text import AXES, Rows, TextFormat
+from jgait.io.formats.text import Rows, TextFormat
 from jgait.io.part import Measured, Part
 from jgait.notes import DATA_LOST
 
@@ -42,7 +42,7 @@ def _content(rows: Rows) -> Measured:
         time, gyr, acc = time[fresh], gyr[fresh], acc[fresh]
     stem = rows.path.stem
     called = rows.path.parent.resolve().name if stem.lower() in BY_DEVICE else stem
-    part = Part(called, gyr, acc, time=time, gyr_unit=gyr_unit, acc_unit=acc_unit, axes=AXES)
+    part = Part(called, gyr, acc, time=time, gyr_unit=gyr_unit, acc_unit=acc_unit)
     return Measured([part], called, notes=tuple(notes))
 
 

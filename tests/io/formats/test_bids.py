@@ -45,7 +45,6 @@ def write(root, rows, values, *, about=None, extra=(), header=False, stem=STEM, 
     folder = root / "sub-pp002" / "motion"
     folder.mkdir(parents=True, exist_ok=True)
     (root / "dataset_description.json").write_text("{}")
-    (root / "participants.tsv").write_text("participant_id\tage\tsex\nsub-pp001\t50\tM\nsub-pp002\t71\tF\n")
     names = head or ["name", "component", "type", "tracked_point", "units"]
     names = [*names, *(name for name, _ in extra)]
     body = [[*row, *(value for _, value in extra)] for row in rows]
@@ -69,7 +68,6 @@ def test_every_sample_of_every_point_comes_back(tmp_path, gyr_unit, acc_unit):
     assert (recording.sampling_rate_hz, recording.subject, recording.name) == (RATE, "pp002", STEM)
     questioned = [note for note in texts(recording.notes) if "states no unit" in note]
     assert len(questioned) == (6 if gyr_unit == "n/a" else 0)
-    assert "participants.tsv: age 71, sex F" in texts(recording.notes)
 
 
 def test_latency_is_the_clock_and_lost_samples_are_masked(tmp_path):
@@ -94,20 +92,16 @@ def test_what_lies_further_up_is_inherited_and_overruled(tmp_path):
     agrees(io.read(path).sensors["foot_left"], "foot_left")
 
 
-def test_placement_frame_status_and_other_systems_are_told(tmp_path):
-    extra = [("placement", "left foot"), ("reference_frame", "local"), ("status", "bad")]
+def test_placement_status_and_other_systems_are_told(tmp_path):
+    extra = [("placement", "left foot"), ("status", "bad")]
     rows, values = table({"foot_left": "imu3"})
     path = write(tmp_path, rows, values, about={"SamplingFrequency": RATE}, extra=extra)
-    path.with_name(f"{STEM}_channels.json").write_text(
-        json.dumps({"reference_frame": {"Levels": {"local": {"SpatialAxes": "ALS", "RotationRule": "right-hand"}}}})
-    )
     path.with_name("sub-pp002_task-walk_tracksys-omc_motion.tsv").write_text("0\n")
     recording = io.read(path)
     agrees(recording.sensors["foot_left"], "foot_left")
     every = "\n".join(texts(recording.notes))
     for said in (
         "imu3: at foot_left by the column placement",
-        "'local' (SpatialAxes ALS, RotationRule right-hand)",
         "calls imu3_ACCEL_z, imu3_ACCEL_x",
         "other systems too: sub-pp002_task-walk_tracksys-omc_motion.tsv",
         "lowerBack (no gyroscope)",

@@ -53,7 +53,7 @@ def test_what_is_cut_off_empty_or_binary_is_named(one):
     assert note.values["line"] == len(lines)
     if one[0] != "csv":  # in a user's own table these cells are lost samples
         one[1].write_text("\n".join([*lines[:-3], lines[-3][: len(lines[-3]) // 2], *lines[-2:]]))
-        refuse(one, rf"line {len(lines) - 2}: the row is cut off: expected \d+ values, found \d+")
+        refuse(one, rf"line {len(lines) - 2}: the row is cut off: it has \d+ values, the header \d+")
         separator = max(",\t", key=lines[-3].count)
         cells = lines[-3].split(separator)
         cells[lines[first].split(separator).index(one[2])] = "abc"
