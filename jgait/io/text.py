@@ -202,10 +202,10 @@ def header_at(lines: Sequence[str]) -> tuple[int, int]:
                 return (row - 1, 2) if two else (row, 1)
     # else the line above the first one of numbers, or the first line
     filled = [row for row, line in enumerate(lines) if line.strip()]
-    for before, row in itertools.pairwise(filled):
+    for above, row in itertools.pairwise(filled):
         cells = split(lines[row], separator_of(lines[row]))
         if len(cells) > 2 and sum(map(is_number, cells)) > len(cells) / 2:
-            return before, 1
+            return above, 1
     return (filled or [0])[0], 1
 
 

@@ -64,15 +64,14 @@ def without_damage(
         for kind, values in signals.items():
             wrapped += _unwrap(placement, kind, values)
             spikes, jumps = _spikes(placement, kind, values, signals["gyr"], rate_hz)
-            stuck = {None: _stuck(kind, values, signals["gyr"], rate_hz)}
-            stuck |= {axis: _axis_stuck(kind, values, axis, rate_hz) for axis in range(3)}
+            stuck = {f"the {SIGNALS[kind][0]}": _stuck(kind, values, signals["gyr"], rate_hz)}
+            stuck |= {f"{kind}_{'xyz'[axis]}": _axis_stuck(kind, values, axis, rate_hz) for axis in range(3)}
             slower = _repeats(kind, values, signals["gyr"], held, rate_hz)
             values[spikes] = np.nan
-            for axis, runs in stuck.items():
+            for signal, runs in stuck.items():
                 for start, end in runs:
                     values[start + 1 : end + 1] = np.nan
                 if runs:
-                    signal = f"the {SIGNALS[kind][0]}" if axis is None else f"{kind}_{'xyz'[axis]}"
                     seconds = sum(end - start + 1 for start, end in runs) / rate_hz
                     first = f"for {seconds:.2f} s in all, first at {runs[0][0] / rate_hz:.2f} s"
                     repeated.setdefault(first, []).append(signal)
