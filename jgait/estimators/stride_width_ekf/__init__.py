@@ -28,7 +28,8 @@ How far to trust it:
     Both feet and the range must have one clock. A difference δ between the clocks of the feet cannot be separated from
     unequal steps: the steps of one foot are too long and those of the other too short by v δ / 2, with v the relative
     speed of the feet at the passing (8 cm for 50 ms in the paper's protocol), by v δ if the range is late; widths
-    outside of turns stay within 4 mm. A range sensor that points forward or back has the same effect (`WidthParams.passing_offset`).
+    outside of turns stay within 4 mm. A range sensor that points forward or back has the same effect
+    (`WidthParams.passing_offset`).
 
 Deviations from the paper:
     `experiments/potter/literal.py` has the first one's signs as printed.
