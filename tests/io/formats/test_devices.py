@@ -83,6 +83,16 @@ def test_files_without_a_gyroscope_are_refused_for_that(tmp_path, header):
     made_files.check(io.read(made_files.put(path, [*head, imu, *rows]), placement="foot_right"))
 
 
+def test_an_accelerometer_is_not_dropped_where_its_columns_are_called_as_no_known_device_does(tmp_path):
+    """A Physilog has "gyro X" and "time" too, and calls its accelerometer "Accel X"."""
+    time, gyr, acc = made_files.walk()
+    names = ["time", *(f"{kind} {axis}" for kind in ("acc", "gyro") for axis in "XYZ")]
+    rows = made_files.lines_of(",", time, *acc.T, *np.rad2deg(gyr).T)
+    path = made_files.put(tmp_path / "walk.csv", ["Subject,Mario", "Frequency,100 Hz", "", ",".join(names), *rows])
+    recording = io.read(path, placement="foot_right")
+    np.testing.assert_allclose(recording.sensors["foot_right"].acc, acc, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
