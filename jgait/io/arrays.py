@@ -100,9 +100,10 @@ def recording_in_units(
         samples = _check_arrays(placement, signals, samples, name)
     notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
-    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name)
     every = np.hstack([as_float(values) for each in sensors.values() for values in each.values() if values is not None])
-    twice = ~np.diff(every, axis=0).any(axis=1) if len(sensors) > 1 else None
+    twice = ~np.diff(every, axis=0).any(axis=1)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, twice)
+    twice = twice if len(sensors) > 1 else None
     for placement, signals in sensors.items():
         read = _in_si(signals, scales[placement])
         masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz, twice)

@@ -18,13 +18,24 @@ SHORTEST_STEP_S, SHORTEST_USUAL_S = 1e-4, 5e-4
 """[s], [s] Shortest sample time, and the shortest for which a unit is deduced: a clock of 32768 Hz makes steps of some
 hundred ticks, which would be 3000 Hz in us."""
 
+FEWEST_STAMPS = 4  # [1] different time stamps from which the rate of packets follows
 LATEST = 5.0  # [samples] largest step backwards that the jitter of times explains; chosen, a few times the sample time
 LONGEST_GAP_S = 10.0  # [s] longest gap that is filled
 MOST_INSERTED = 100  # [1] samples for each row of a file; with more, nothing of the recording is left
-BURST, PACKETS = 3.0, 0.02  # [1] mean step over the median, and share of longer steps, of stamps in bursts; chosen
 REPEATED = 0.01
-"""[1] Largest share of rows that repeat the time, or the packet number, before them; with more, the column is no clock.
-A single repeated time always is left out. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
+"""[1] Largest share of rows that repeat the time before them and are left out; with more, they are samples of coarse
+stamps. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
+
+COPIES = 0.9
+"""[1] Share of the rows that repeat the time before them from which on they are copies, if they repeat all readings."""
+
+BURST, PACKETS = 3.0, 0.02
+"""[1] Steps over the median, and their least share, of stamps in bursts, as of packets that arrive; chosen."""
+
+LONG = 1.5  # [1] steps over the usual one in which a sample is lost
+IRREGULAR, RANDOM = 8, 0.5
+"""[1] Number of long and short steps in a window of stamps, and how far they stray from even times there, over how far
+as many lost samples would: half of it. A timer's steps even out, lost samples add up."""
 
 JITTERY = 0.1
 """[1] Least number of steps below half the median, for each one above one and a half, of stamps that jitter: a stamp
@@ -66,15 +77,17 @@ class SampleTimes(NamedTuple):
 
 
 def make_clock(
-    samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str
-) -> SampleTimes:
+    samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str,
+    again: np.ndarray | None = None,
+) -> SampleTimes:  # fmt: skip
     """The clock of so many rows from their time stamps (samples,), a nominal rate [Hz], or both.
 
     Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
     that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted. Numbers of samples are a
-    clock if the rate is given. Of the few rows of one time the first is taken. Times that jitter become even. Raises
-    RecordingError if there are too few samples, no clock, or time stamps that are missing, repeat often, decrease, are
-    in none of these units, or contradict the sampling rate, or if the rate is too low for walking.
+    clock if the rate is given. Stamps that jitter, are coarse, or come in packets become even. `again` (samples − 1,)
+    is True before rows that repeat all readings of the row before. Raises RecordingError if there are too few samples,
+    no clock, or time stamps that are missing, decrease, are in none of these units, or contradict the sampling rate, or
+    if the rate is too low for walking.
     """
     if samples < FEWEST_SAMPLES:
         raise RecordingError(f"{name} has {samples} samples; at least {FEWEST_SAMPLES} are needed")
@@ -91,13 +104,9 @@ def make_clock(
     stamps, notes = as_float(time), list[Note]()
     if stamps.shape != (samples,):
         raise RecordingError(f"{name}: time must have one value a sample, ({samples},); got shape {stamps.shape}")
-    check_order(stamps, name, time_unit)
-    fresh = np.flatnonzero(np.concatenate([[True], np.diff(stamps) > 0]))
-    if len(fresh) < samples:
-        row = int(np.flatnonzero(np.diff(stamps) == 0)[0]) + 1
-        where = f"the first in row {row} (the first row is 0) at {stamps[row]:.15g}"
-        notes.append(DATA_LOST.note(f"rows that repeat the time before left out: {samples - len(fresh)}, {where}"))
-        stamps = stamps[fresh]
+    check_order(stamps, name)
+    fresh = fresh_rows(stamps, again, notes)
+    stamps = stamps[fresh]
     if time_unit is None and count_samples(stamps):
         if sampling_rate_hz is None:
             raise _rate_needed(
@@ -108,12 +117,12 @@ def make_clock(
     unit = unit_of_time(stamps, time_unit, name)
     if not time_unit:
         notes.append(time_unit_deduced(unit, stamps))
-    seconds, begin = (stamps - stamps[0]) * TIME_UNITS[unit], float(stamps[0]) * TIME_UNITS[unit]
-    begin = begin if abs(begin) > 1.5 * float(np.median(np.diff(seconds))) else 0.0
+    begin = float(stamps[0]) * TIME_UNITS[unit]
+    seconds, counts, step = steadied((stamps - stamps[0]) * TIME_UNITS[unit], notes)
+    begin = begin if abs(begin) > 1.5 * step else 0.0
     if begin:
         first = "times count from the first sample, which has the time {begin_s:.3f} s in the file"
         notes.append(CLOCK_BEGINS.note(first, begin_s=begin))
-    seconds, counts, step = steadied(seconds, notes)
     # without the rounding of sums, which differs between recordings of different length
     rate = float(f"{1.0 / step:.9g}")
     if sampling_rate_hz is None:
@@ -126,6 +135,20 @@ def make_clock(
     filled, rows = _fill_gaps(seconds, counts, name, notes)
     rate_hz = float(sampling_rate_hz or rate)
     return SampleTimes(filled, np.where(rows < 0, -1, fresh[rows]), rate_hz, tuple(notes), begin)
+
+
+def fresh_rows(stamps: np.ndarray, again: np.ndarray | None, notes: list[Note]) -> np.ndarray:
+    """The rows of time stamps (n,) that are samples of their own: without those that repeat the time before, if they
+    are few, or copies, where `again` (n − 1,) is True. What is left out is noted.
+    """
+    same = np.diff(stamps) == 0
+    copies = again is not None and np.sum(same & again) >= COPIES * same.sum()
+    if not same.any() or not (copies or same.sum() <= max(REPEATED * len(stamps), 1)):
+        return np.arange(len(stamps))
+    row = int(np.argmax(same)) + 1
+    where = f"the first in row {row} (the first row is 0) at {stamps[row]:.15g}"
+    notes.append(DATA_LOST.note(f"rows that repeat the time before left out: {same.sum()}, {where}"))
+    return np.flatnonzero(~np.append(False, same))
 
 
 def date_note(since_1970: float) -> Note:
@@ -149,7 +172,7 @@ def check_inserted(samples: int, rows: int, name: str) -> None:
 
 def time_unit_deduced(unit: str, time: np.ndarray) -> Note:
     """The note that the steps of `time` (T,) decided its unit."""
-    return DEDUCED.note(f"time taken to be in {unit}, because its steps are {np.median(np.diff(time)):.4g}")
+    return DEDUCED.note(f"time taken to be in {unit}, because its steps are {usual_step(time):.4g}")
 
 
 TIME_SPREAD = 0.01
@@ -187,8 +210,8 @@ def unwrapped(counts: np.ndarray) -> np.ndarray | None:
     return numbers if count_samples(numbers) else None
 
 
-def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> None:
-    """Refuse time stamps that are missing, decrease, or repeat the one before in more than the share `REPEATED`.
+def check_order(stamps: np.ndarray, name: str) -> None:
+    """Refuse time stamps that are missing, stand still, or decrease by more than they jitter.
 
     A clock that stepped back is told from rows in disorder, which can be sorted: sorting mixes the rows of two times.
     Raises RecordingError with the number of the first such row.
@@ -200,16 +223,19 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
             "rows, or fill in their times"
         )
     step = np.diff(stamps)
-    few = np.sum(step == 0) <= max(REPEATED * len(stamps), 1)
-    wrong = np.flatnonzero(step < 0 if few else step <= 0)
+    if len(np.unique(stamps)) < min(FEWEST_STAMPS, len(stamps)):
+        raise _rate_needed(
+            f"{name}: time stands still at {stamps[0]:.15g}: leave it out, and give {{argument}}, or export it finer"
+        )
+    wrong = np.flatnonzero(step < 0)
     if not len(wrong):
         return
     row, ordered = int(wrong[0]) + 1, np.diff(np.sort(stamps))
-    what, usual = "repeats" if step[row - 1] == 0 else "runs backwards", float(np.median(ordered))
     where = (
-        f"{name}: time {what} at row {row} (the first row is 0): {stamps[row]:.15g} follows {stamps[row - 1]:.15g}; "
-        f"{len(wrong)} such rows in all"
+        f"{name}: time runs backwards at row {row} (the first row is 0): {stamps[row]:.15g} follows "
+        f"{stamps[row - 1]:.15g}; {len(wrong)} such rows in all"
     )
+    usual = float(np.median(ordered))
     if usual > 0 and ordered.min() > 0.5 * usual and (len(wrong) > 1 or ordered.max() < 1.5 * usual):
         raise RecordingError(f"{where}: the rows are in disorder: sort them by time")
     if stamps[-1] <= stamps[0] or -step.min() > LATEST * (stamps[-1] - stamps[0]) / len(step):
@@ -217,31 +243,28 @@ def check_order(stamps: np.ndarray, name: str, stated: str | None = None) -> Non
             f"{where}: the clock stepped back, or another recording begins: split the recording there, and do not sort "
             "the rows, which mixes those of two times"
         )
-    raise _rate_needed(
-        f"{where}. If they are samples of their own (packets, coarse stamps), leave out the time and give "
-        f"{{argument}}: {_rows_a_second(step, stated)}. Drop rows only if they are copies"
+
+
+def _in_bursts(steps: np.ndarray) -> bool:
+    """Whether steps (n,) of time are those of packets: most of them far shorter than the mean."""
+    middle = float(np.median(steps))
+    waits = np.sum(steps > BURST * middle)
+    return middle <= 0.0 or bool(
+        steps.mean() > BURST * middle and waits >= max(PACKETS * len(steps), FEWEST_STAMPS - 1)
     )
 
 
-def _rows_a_second(steps: np.ndarray, stated: str | None) -> str:
-    """The rate of rows with these steps, in the stated unit or else the largest that makes them short enough."""
-    likely = (unit for unit, scale in TIME_UNITS.items() if steps.mean() * scale <= LONGEST_STEP_S)
-    unit = stated if stated in TIME_UNITS else next(likely, "ns")
-    return f"there are {1.0 / (steps.mean() * TIME_UNITS[unit]):.4g} rows a second"
+def usual_step(stamps: np.ndarray) -> float:
+    """The usual step of time stamps (n,): their median, of stamps in bursts their mean."""
+    steps = np.diff(stamps)
+    return float(np.mean(steps) if _in_bursts(steps) else np.median(steps))
 
 
 def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
-    """The unit of increasing time stamps (n,), n > 1: the stated one, or else the one that their steps suggest. Raises
-    RecordingError for an unknown unit, for one in which no sensor samples, and for stamps that come in bursts, as of
-    packets, whose samples have the time at which the packet arrived, almost.
+    """The unit of time stamps (n,), n > 1: the stated one, or else the one that their steps suggest. Raises
+    RecordingError for an unknown unit, and for one in which no sensor samples.
     """
-    steps = np.diff(stamps)
-    step = float(np.median(steps))
-    if steps.mean() > BURST * step and np.mean(steps > BURST * step) >= PACKETS:
-        raise _rate_needed(
-            f"{name}: the time stamps come in bursts, as in packets sent by radio; {_rows_a_second(steps, stated)}. "
-            "Leave out the time and give {argument}"
-        )
+    step = usual_step(stamps)
     lengths = {unit: step * scale for unit, scale in TIME_UNITS.items()}
     unit = stated or next((u for u, length in lengths.items() if SHORTEST_USUAL_S <= length <= LONGEST_STEP_S), None)
     if unit is None:
@@ -268,22 +291,32 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
 def steadied(seconds: np.ndarray, notes: list[Note]) -> tuple[np.ndarray, np.ndarray, float]:
     """Times (n,) [s] without jitter, which is noted, the number of sample times in each step (n-1,), and one [s].
 
-    Times that do not jitter stay as they are. Others become even, but follow a clock that drifts.
+    Times that do not jitter stay as they are. Others, of a coarse timer or of packets, become even, but follow a clock
+    that drifts.
     """
     steps = np.diff(seconds)
-    middle = float(np.median(steps))
-    long, short = np.sum(steps > 1.5 * middle), np.sum(steps < 0.5 * middle)
-    if short <= JITTERY * long or len(seconds) <= 2 * BESIDE:
+    middle, bursts = float(np.median(steps)), _in_bursts(steps)
+    long, short = steps > LONG * middle, steps < 0.5 * middle
+    one_way = min(long.sum(), short.sum()) <= JITTERY * max(long.sum(), short.sum())
+    coarse = not bursts and one_way and _evens_out(steps, short | long)
+    if not (bursts or coarse) and short.sum() <= JITTERY * long.sum():
         # If time stamps are rounded to milliseconds, the mean of the regular steps is more precise than their median.
-        step = float(steps[steps < 1.5 * middle].mean())
-        return seconds, np.where(steps > 1.5 * step, np.rint(steps / step).astype(int), 1), step
-    step = float(np.median(seconds[BESIDE:] - seconds[:-BESIDE])) / BESIDE
+        step = float(steps[~long].mean())
+        return seconds, np.where(steps > LONG * step, np.rint(steps / step).astype(int), 1), step
+    # The rows that are alike late: with which packets begin, or after the odd steps of a coarse timer.
+    if bursts:
+        begins = 1 + np.flatnonzero(steps > BURST * middle)[:-1]  # the last packet may be cut off
+    else:
+        begins = 1 + np.flatnonzero(np.where(long.sum() > short.sum(), long, short) if coarse else steps > 0.0)
+    time, apart = seconds[begins], min(BESIDE * int(np.ceil(BESIDE * len(begins) / len(seconds))), len(begins) // 2)
+    step = float(np.median((time[apart:] - time[:-apart]) / (begins[apart:] - begins[:-apart])))
     for _ in range(5):  # losses depend on the sample time, and the other way round
-        counts = 1 + _lost(seconds, step)
-        step = float(seconds[-1] - seconds[0]) / counts.sum()
-    position = np.concatenate([[0], np.cumsum(counts)])
+        counts = np.ones(len(steps), int)
+        counts[begins[1:] - 1] += _lost(time / step - begins)
+        position = np.concatenate([[0], np.cumsum(counts)])
+        step = float(np.polyfit(position[begins], time, 1)[0])
     late = seconds - step * position
-    blocks = np.array_split(np.arange(len(seconds)), max(len(seconds) // STEADY, 1))
+    blocks = np.array_split(begins, max(len(begins) // max(STEADY * len(begins) // len(seconds), BESIDE), 1))
     slow = np.interp(position, [position[b].mean() for b in blocks], [np.median(late[b]) for b in blocks])
     jitters = (
         "the time stamps jitter by {jitter_ms:.2g} ms about samples every {step_ms:.4g} ms; the samples are taken to "
@@ -294,17 +327,32 @@ def steadied(seconds: np.ndarray, notes: list[Note]) -> tuple[np.ndarray, np.nda
     return even - even[0], counts, step
 
 
-def _lost(seconds: np.ndarray, step: float) -> np.ndarray:
-    """(n-1,) number of samples lost in each step: those by which the rows that follow stay late."""
-    late = seconds / step - np.arange(len(seconds))
-    padded = np.pad(late, BESIDE, mode="median", stat_length=BESIDE)
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, BESIDE), axis=1)
-    rise = medians[BESIDE + 1 : -1] - medians[1 : -BESIDE - 1]
-    signs = np.where(np.abs(rise) > 0.5, np.sign(rise), 0.0)
-    level = np.zeros(len(seconds))
+def _evens_out(steps: np.ndarray, odd: np.ndarray) -> bool:
+    """Whether steps (n,) that are long or short, where `odd`, even out over some of them, as a coarse timer's do: in
+    windows, time strays from even steps by less than it does after random steps, √(π/2 n) standard deviations.
+    """
+    if odd.sum() < 2 * IRREGULAR:
+        return False
+    length = int(np.ceil(IRREGULAR / odd.mean()))
+    cut = steps[: len(steps) // length * length].reshape(-1, length)
+    stray = np.cumsum(cut - cut.mean(axis=1, keepdims=True), axis=1)
+    random = np.sqrt(0.5 * np.pi * length) * cut.std(axis=1)
+    return bool(np.median(np.ptp(stray, axis=1)) < RANDOM * np.median(random))
+
+
+def _lost(late: np.ndarray) -> np.ndarray:
+    """(n-1,) number of samples lost before each packet but the first: those by which the packets that follow stay late,
+    `late` (n,) [samples].
+    """
+    beside = max(min(BESIDE, len(late) // 4), 1)
+    padded = np.pad(late, beside, mode="median", stat_length=beside)
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, beside), axis=1)
+    rise = medians[beside + 1 : -1] - medians[1 : -beside - 1]
+    signs = np.where(np.abs(rise) > max(0.5, 4.0 * float(np.median(np.abs(rise)))), np.sign(rise), 0.0)
+    level = np.zeros(len(late))
     for run in np.split(np.arange(len(rise)), np.flatnonzero(np.diff(signs)) + 1):
-        samples = np.rint(rise[run].sum() / BESIDE)
-        steps = seconds[run + 1] - seconds[run]
+        samples = np.rint(rise[run].sum() / beside)
+        steps = late[run + 1] - late[run]
         level[run[int(np.argmax(np.sign(samples) * steps))] + 1] += samples if signs[run[0]] else 0.0
     # rows that come late and catch up later, as after a pause of the radio, have lost nothing
     kept = np.minimum.accumulate(np.cumsum(level)[::-1])[::-1]

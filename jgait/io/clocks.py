@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from jgait.io.clock import (
     check_inserted,
     check_order,
     count_samples,
+    fresh_rows,
     steadied,
     unit_of_time,
+    usual_step,
 )  # fmt: skip
 from jgait.io.dates import dated, with_time
 from jgait.io.names import column_of, unit_in_name
@@ -116,6 +118,14 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
     return placed
 
 
+class _Track(NamedTuple):
+    """Signals of a sensor that share a clock."""
+
+    where: str
+    kinds: list[str]
+    time: np.ndarray | None
+
+
 def one_clock(
     placed: "Mapping[str, Part]", sensors: dict[str, dict[str, np.ndarray]], rate_hz: float | None, name: str,
     notes: list[Note],
@@ -142,34 +152,34 @@ def one_clock(
     lost = [where for where, part in placed.items() if part.time is None]
     if lost:
         raise RecordingError(f"{name}: {lost[0]} has no time stamps, other sensors have; they cannot be joined")
-    clocks = [np.asarray(part.time, np.float64) for part in parts]
-    apart = {where: np.asarray(part.acc_time) for where, part in placed.items() if part.acc_time is not None}
-    if len(parts) == 1 and not apart:
-        return clocks[0], rate_hz or first.sampling_rate_hz
-    names = [*placed, *apart]
-    times = [*clocks, *apart.values()]
-    for where, stamps in zip(names, times, strict=True):
-        check_order(stamps, f"{name}, {where}")
-    steps = [float(np.median(np.diff(stamps))) for stamps in times]
+    tracks = [_Track(where, [kind for kind in sensors[where] if kind != "acc" or part.acc_time is None], part.time)
+              for where, part in placed.items()]  # fmt: skip
+    tracks += [_Track(where, ["acc"], part.acc_time) for where, part in placed.items() if part.acc_time is not None]
+    times = [np.asarray(track.time, np.float64) for track in tracks]
+    if len(tracks) == 1:
+        return times[0], rate_hz or first.sampling_rate_hz
+    for track, stamps in zip(tracks, times, strict=True):
+        check_order(stamps, f"{name}, {track.where}")
+    steps = [usual_step(stamps) for stamps in times]
     base = next(i for i, step in enumerate(steps) if step <= (1.0 + SAME_SPEED) * min(steps))
     same = [len(t) == len(times[base]) and np.abs(t - times[base]).max() < CLOCKS_APART * steps[base] for t in times]
     if all(same):
         return times[base], rate_hz or first.sampling_rate_hz
-    times = [t[0] + steadied(t - t[0], notes)[0] for t in times]
+    for i, (where, kinds, _) in enumerate(tracks):
+        again = ~np.diff(np.hstack([sensors[where][kind] for kind in kinds]), axis=0).any(axis=1)
+        rows, begin = fresh_rows(times[i], again, notes), times[i][0]
+        sensors[where] |= {kind: sensors[where][kind][rows] for kind in kinds}
+        times[i] = begin + steadied(times[i][rows] - begin, notes)[0]
     begin, end = max(t[0] for t in times), min(t[-1] for t in times)
     if not end > begin:
         raise RecordingError(
             f"{name}: the sensors' clocks do not overlap: one begins at {begin:.3f} s, one ends at {end:.3f} s"
         )
     common = times[base][(times[base] >= begin) & (times[base] <= end)]
-    acc_times = dict(zip(apart, times[len(parts) :], strict=True))
-    for where, time in zip(placed, times[: len(parts)], strict=True):
-        sensors[where] = {
-            kind: _resampled(common, acc_times.get(where, time) if kind == "acc" else time, values)
-            for kind, values in sensors[where].items()
-        }
+    for (where, kinds, _), own in zip(tracks, times, strict=True):
+        sensors[where] |= {kind: _resampled(common, own, sensors[where][kind]) for kind in kinds}
     joined = "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s"
-    notes.append(TIMES_CORRECTED.note(joined, placement=names[base], begin_s=begin, end_s=end))
+    notes.append(TIMES_CORRECTED.note(joined, placement=tracks[base].where, begin_s=begin, end_s=end))
     return common, None
 
 

@@ -162,7 +162,7 @@ def measured_table(
         if stated is None and count_samples(time):
             time, packets = None, time
         elif len(time) > 1:
-            check_order(time, name, stated)
+            check_order(time, name)
             unit = unit_of_time(time, stated, name)
             notes += [] if stated else [time_unit_deduced(unit, time)]
             time = TIME_UNITS[unit] * time

@@ -204,11 +204,6 @@ REFUSED = {
     "raw counts as degrees": (counts, {"gyr_unit": "deg/s"}, "exceeds 35 rad/s; its numbers are whole, as raw counts"),
     "another scale": (lambda t: scaled(t, "_acc_", 2.0), {}, "accelerometer of .* reads 19.* check the unit"),
     "converted twice": (lambda t: scaled(t, "_gyr_", 57.3), {}, "given as deg/s.*; is it in mrad/s, or was it conv"),
-    "time repeats": (
-        lambda t: t.assign(time=t.time.where(t.index % 17 != 0, t.time.shift(fill_value=-0.01))), {},
-        r"time repeats at row 17 \(the first row is 0\): 0.16 follows 0.16; 35 such rows in all. "
-        "If they are .* leave out the time and give sampling_rate_hz: there are 99.83 rows a second",
-    ),
     "time backwards": (lambda t: later(t, -1.0), {}, r"time runs backwards at row 300 .*: 2 follows 2.99"),
     "time missing": (lambda t: t.assign(time=t.time.mask(t.index.isin([5, 9]))), {}, "in 2 rows, first in row 5"),
     "gap": (lambda t: later(t, 60.0), {}, r"60.0 s are missing after row 299 .*, more than 10 s; split the recording"),
@@ -220,10 +215,6 @@ REFUSED = {
     "rate": (lambda t: table(time=False), {"sampling_rate_hz": -1.0}, "sampling_rate_hz must be positive; got -1"),
     "milliseconds": (lambda t: t.assign(time=1000 * t.time), {"time_unit": "s"}, "0.11 s; it seems to be in ms"),
     "seconds": (lambda t: t, {"time_unit": "ms"}, "faster than 10 kHz; it seems to be in s: correct time_unit"),
-    "bursts": (
-        lambda t: t.assign(time=0.05 * (t.index // 5) + 1e-4 * (t.index % 5)), {},
-        r"come in bursts, as in packets sent by radio; there are 100\.?\d* rows a second. Leave out the time and",
-    ),
     "rate's unit": (lambda t: t, {"gyr_unit": "degrees"}, "gyr_unit must be one of 'deg/s', 'rad/s', 'mdeg/s'"),
     "force's unit": (lambda t: t, {"acc_unit": "kg"}, "acc_unit must be one of 'm/s\\^2', 'g', 'mg'; got 'kg'"),
     "time's unit": (lambda t: t, {"time_unit": "ks"}, "time_unit must be one of 's', 'ms', 'us', 'ns'; got 'ks'"),
