@@ -50,7 +50,7 @@ def test_only_a_rate_that_a_user_states_is_uncertain(rows, tmp_path):
 
 def test_lengths_and_the_distance_of_one_estimator_get_the_deviation_of_the_rate(rows):
     stamped, stated = (
-        foot_ins.estimator().estimate(foot_ins.DEFAULT, harm.read(each, "walk")) for each in (rows, by_rate(rows))
+        foot_ins.estimate(foot_ins.FootParams(), harm.read(each, "walk")) for each in (rows, by_rate(rows))
     )
     length = as_float(stamped.strides.length)
     np.testing.assert_allclose(as_float(stated.strides.length), length, atol=2e-3)
