@@ -14,8 +14,8 @@ MOST_CELLS = 15
 LONGEST_CELL = 60
 
 
-def test_the_nine_are_there():
-    assert [path.name[:2] for path in NOTEBOOKS] == [f"{number:02d}" for number in range(1, 10)]
+def test_the_ten_are_there():
+    assert [path.name[:2] for path in NOTEBOOKS] == [f"{number:02d}" for number in range(1, 11)]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
