@@ -106,7 +106,6 @@ def improvements(judged: Any, p: LegParams) -> None:
     variants: list[tuple[str, LegOptions | None]] = [("the paper's pipeline", paper)]
     variants += [(f"  + {name}", paper._replace(**change)) for name, change in IMPROVEMENTS.items()]
     variants += [
-        ("  raw principal axis", paper._replace(perpendicular_axis=False)),
         ("  literal F and Q (misprints), σ_θ = 0.01", None),
         ("the default", best),
     ]
@@ -114,7 +113,6 @@ def improvements(judged: Any, p: LegParams) -> None:
         (f"  − {name}", best._replace(**{field: getattr(paper, field) for field in change}))
         for name, change in IMPROVEMENTS.items()
     ]
-    variants.append(("  raw principal axis", best._replace(perpendicular_axis=False)))
     for name, options in variants:
         # The printed Q holds powers of σ_θ, and is of use only where these are small.
         q = p._replace(angle_noise=0.01) if options is None else p

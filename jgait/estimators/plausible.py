@@ -65,7 +65,7 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
         notes += knee_notes(estimate, side)
         if knee.lost:
             continue
-        leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
+        leg, worn = getattr(estimate.legs, side), np.asarray(estimate.valid, bool)
         angles = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
         moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in angles]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
@@ -93,16 +93,11 @@ def knees(estimate: Estimate) -> dict[str, Knee]:
     measured = {}
     for side in SIDES:
         if (leg := getattr(estimate.legs, side)) is not None:
-            worn = _worn(estimate, side)
+            worn = np.asarray(estimate.valid, bool)
             lost = int(np.sum(~np.isfinite(as_float(leg.knee_angle)[worn])))
             beyond = knee_beyond(leg)[worn]
             measured[side] = Knee(lost, not lost and beyond.size > 0 and bool(beyond.mean() > KNEE_SHARE))
     return measured
-
-
-def _worn(estimate: Estimate, side: str) -> np.ndarray:
-    """(T,) bool, samples in which the angles of a leg are valid and its sensors are worn."""
-    return np.asarray(estimate.valid, bool) & np.asarray(estimate.diagnostics.get(f"worn_{side}", True), bool)
 
 
 def knee_notes(estimate: Estimate, side: str) -> list[Note]:
@@ -113,7 +108,7 @@ def knee_notes(estimate: Estimate, side: str) -> list[Note]:
     if measured.lost:
         text = "{side}: {samples} valid {samples:sample|samples} of the knee {samples:is|are} not finite"
         return [KNEE_IMPLAUSIBLE.note(text, side=side, samples=measured.lost)]
-    leg, worn = getattr(estimate.legs, side), _worn(estimate, side)
+    leg, worn = getattr(estimate.legs, side), np.asarray(estimate.valid, bool)
     knee, share = np.rad2deg(as_float(leg.knee_angle)[worn]), 100.0 * knee_beyond(leg)[worn].mean()
     text = (
         "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does"

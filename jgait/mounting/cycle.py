@@ -19,19 +19,11 @@ WALKING_SHARE, WALKING_RATE = 0.15, 0.4
 """[1] Mean power of the legs' rates over its 90th percentile, and [rad/s] its root, above which a person walks; chosen,
 below those of simulated walks of 0.25 m/s."""
 
-TURNING_RATE = 0.6
-"""[rad/s] Threshold on the low-passed rate about the vertical; above it the person turns, and the sagittal axis is
-hidden."""
+USUAL_STRIDE_TIME = 1.1
+"""[s] Stride time that is assumed if the search finds none."""
 
-STRIDE_TIMES, USUAL_STRIDE_TIME, LEAST_PAIRS = (0.6, 4.0), 1.1, 0.1
-"""[s] Limits of the stride time in the search, and the stride time that is assumed if the search finds none. [1] Share
-of pairs of samples that were measured, below which a lag is not judged."""
-
-MEASURED_SHARE, HELD_SHARE, STRIDES, RIDGE = 0.4, 0.5, 2.0, 0.01
-"""[1] Least share of measured samples in a window whose harmonics count, and least part of the legs' power that they
-hold in it: they hold little where the stride time is another, as in a slower part. [strides] Duration of a window.
-[1] Weight of "no harmonics" beside the samples of a window: where a gyroscope sleeps, harmonics that no sample shows
-are zero."""
+STRIDES = 2.0
+"""[strides] Duration of a window."""
 
 SEGMENTS = ("thigh", "shank", "foot")
 """Segments of a leg."""
@@ -74,10 +66,10 @@ def stride_time(
 ) -> float:
     """Stride time [s] from sagittal rates of legs, (T,) each [rad/s]: the first lag at which the rates repeat.
 
-    That is the first maximum of the sum of their autocorrelations within `STRIDE_TIMES` of at least 0.7 of the highest;
+    That is the first maximum of the sum of their autocorrelations from 0.6 to 4 s of at least 0.7 of the highest;
     `USUAL_STRIDE_TIME` if there is none. `masks` tell the samples (T,) of each that were measured: all by default.
     """
-    first, last = (round(limit * sampling_rate_hz) for limit in STRIDE_TIMES)
+    first, last = round(0.6 * sampling_rate_hz), round(4.0 * sampling_rate_hz)
     size = len(rates[0])
     lags = slice(first, min(last, size))
     again = np.zeros(max(0, lags.stop - lags.start))
@@ -88,7 +80,7 @@ def stride_time(
         )
         whole = size - np.arange(size)[lags]
         share = pairs[lags] / whole
-        alike = np.where(share > LEAST_PAIRS, together[lags] / np.maximum(share, LEAST_PAIRS), 0.0)
+        alike = np.where(share > 0.1, together[lags] / np.maximum(share, 0.1), 0.0)  # of few pairs a lag is not judged
         again += alike / max(float(together[0]) / max(mask.mean(), 1e-9), 1e-12)
     if again.size < 3:
         return USUAL_STRIDE_TIME
@@ -97,20 +89,18 @@ def stride_time(
     return float(first + top[0]) / sampling_rate_hz if top.size else USUAL_STRIDE_TIME
 
 
-def sagittal_axis(
-    gyr: np.ndarray, up: np.ndarray | None, walks: np.ndarray, sampling_rate_hz: float, *, perpendicular: bool = True
-) -> np.ndarray:
+def sagittal_axis(gyr: np.ndarray, up: np.ndarray | None, walks: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     """The axis (3,) about which a segment turns in straight walking, in sensor axes, up to its sign.
 
-    The axis is the first principal axis of the angular rate (T, 3) [rad/s] over the samples of walking (T,) that are
-    not part of a turn; with `perpendicular`, its part along `up` is removed.
+    It is the first principal axis of the angular rate (T, 3) [rad/s] over the samples of walking (T,) that are not part
+    of a turn, without its part along `up`.
     """
     if up is not None:
-        straight = walks & (np.abs(smooth(gyr @ up, 1.0, sampling_rate_hz)) <= TURNING_RATE)
+        straight = walks & (np.abs(smooth(gyr @ up, 1.0, sampling_rate_hz)) <= 0.6)  # [rad/s] turns hide the axis
         walks = straight if np.count_nonzero(straight) > sampling_rate_hz else walks
     samples = gyr[walks] - gyr[walks].mean(axis=0)
     axis = np.linalg.eigh(samples.T @ samples)[1][:, -1]
-    if perpendicular and up is not None:
+    if up is not None:
         axis = axis - (axis @ up) * up
     return np.asarray(axis / np.linalg.norm(axis))
 
@@ -130,11 +120,8 @@ def _power(imu: Imu) -> tuple[np.ndarray, np.ndarray]:
     return np.where(mask, np.sum(as_float(imu.gyr) ** 2, axis=1), 0.0), mask.astype(float)
 
 
-def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle | None:
-    """The sensors on thighs, shanks and feet, all at the same times, over a stride; None if no stride is whole.
-
-    `perpendicular` makes the axes perpendicular to gravity.
-    """
+def cycle_of(sensors: Mapping[str, Imu]) -> Cycle | None:
+    """The sensors on thighs, shanks and feet, all at the same times, over a stride; None if no stride is whole."""
     legs = [name for name in sensors if name.partition("_")[0] in SEGMENTS[:2]]
     if not legs:
         return None
@@ -153,7 +140,7 @@ def cycle_of(sensors: Mapping[str, Imu], *, perpendicular: bool = True) -> Cycle
         if imu.acc is not None:
             mean = as_float(imu.acc)[kept].mean(axis=0)
             up = mean / max(float(np.linalg.norm(mean)), 1e-9)
-        axis = sagittal_axis(gyr, up, kept, hz, perpendicular=perpendicular)
+        axis = sagittal_axis(gyr, up, kept, hz)
         axes_of[name] = up, axis
         rolls = np.zeros(3) if up is None else np.cross(up, axis)
         rates[name] = np.column_stack([gyr @ axis, gyr @ rolls, gyr])
@@ -204,13 +191,15 @@ def _design(samples: int, last: float, hz: float) -> np.ndarray:
 
 
 def _fit(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(1 + 2 HARMONICS, …) constant and harmonics of values at rows of the design, see `RIDGE`."""
-    return np.asarray(np.linalg.solve(rows.T @ rows + RIDGE * len(rows) * np.eye(rows.shape[1]), rows.T @ values))
+    """(1 + 2 HARMONICS, …) constant and harmonics of values at rows of the design; zero where no sample shows them, as
+    while a gyroscope sleeps.
+    """
+    return np.asarray(np.linalg.solve(rows.T @ rows + 0.01 * len(rows) * np.eye(rows.shape[1]), rows.T @ values))
 
 
 def _repeating(legs: list[tuple[np.ndarray, np.ndarray]], windows: list[slice], last: float, hz: float) -> list[slice]:
-    """The windows in which the harmonics hold `HELD_SHARE` of the power of the legs' rates (T,), each with its mask;
-    all if there is none.
+    """The windows in which the harmonics hold half of the power of the legs' rates (T,), each with its mask: less where
+    the stride time is another, as in a slower part; all if there is none.
     """
     design = _design(windows[0].stop - windows[0].start, last, hz)
     held = []
@@ -221,19 +210,17 @@ def _repeating(legs: list[tuple[np.ndarray, np.ndarray]], windows: list[slice], 
             if len(values) > 2 * design.shape[1]:
                 left += float(np.sum((values - rows @ _fit(rows, values)) ** 2))
                 power += float(np.sum((values - values.mean()) ** 2))
-        held.append(left <= (1.0 - HELD_SHARE) * power)
+        held.append(left <= 0.5 * power)
     return [window for window, whole in zip(windows, held, strict=True) if whole] or windows
 
 
 def _harmonics(rate: np.ndarray, mask: np.ndarray, windows: list[slice], last: float, hz: float) -> np.ndarray:
-    """(windows, 1 + HARMONICS, n) mean and harmonics of rates (T, n) over the measured samples; NaN where too few are
-    measured.
-    """
+    """(windows, 1 + HARMONICS, n) mean and harmonics of rates (T, n); NaN where too few are measured."""
     design = _design(windows[0].stop - windows[0].start, last, hz)
     every = np.full((len(windows), HARMONICS + 1, rate.shape[1]), np.nan + 0j)
     for number, window in enumerate(windows):
         kept = mask[window]
-        if kept.mean() < MEASURED_SHARE:
+        if kept.mean() < 0.4:
             continue
         fit = _fit(design[kept], rate[window][kept])
         every[number, 0] = fit[0]

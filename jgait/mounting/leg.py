@@ -9,18 +9,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jgait.mounting.cycle import WALKING_RATE, Cycle, cycle_of, mean_force, sagittal_axis
+from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S
+from jgait.geometry.vectors import GRAVITY
+from jgait.mounting.cycle import WALKING_RATE, Cycle, cycle_of, mean_force, sagittal_axis, smooth
 from jgait.mounting.places import Places, places_of
 from jgait.mounting.pose import WALKING_POSE, Pose, pose_from_walking, standing_probability
-from jgait.notes import Kind, Note
+from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, RecordingError, as_float
 
-SHORTEST_S, LONG_S = 0.5, 1.0
-"""[s] Shortest rest that can calibrate a leg, and duration from which on the first standing calibrates."""
-
 UPRIGHT = 0.5
 """[1] Probability of standing from which on a rest is standing."""
+
+QUIET_RATE = 0.02
+"""[rad/s] Root mean square of the turns of a segment in quiet standing, as `InclinationNoise.standing_rate`."""
 
 SITS = Kind(
     "sits",
@@ -29,19 +31,31 @@ SITS = Kind(
     "walking, as of a person who sits; not taken for standing",
     "The zero of the angles is that of upright standing and of walking.",
 )
+STANDING_MOVES = Kind(
+    "standing_moves",
+    "check",
+    "{side}: hip and knee angles are less certain: in the standing from which they count, the leg moves at up to "
+    "{rate:.2f} rad/s",
+    FEW_RESTS,
+)
+
+
+class SegmentMounting(NamedTuple):
+    """Mounting and errors of the sensor of one segment, from a recording."""
+
+    placement: str  #: placement of the sensor; another one if sensors have changed places.
+    axes: np.ndarray  #: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ axes.T` is in the segment's.
+    scale: float  #: factor on the accelerometer, so that it reads standard gravity [1]; 0 without one.
+    bias: np.ndarray  #: (3,) gyroscope bias at rest, in the segment's axes [rad/s].
+    variance: np.ndarray  #: sagittal gyroscope variance at rest [rad²/s²].
+    unrest: np.ndarray  #: variance of its turns at rest, over that of quiet standing [rad²/s²].
 
 
 class LegMounting(NamedTuple):
-    """Orientation of the sensors of one leg; dictionaries by segment ("thigh", "shank")."""
+    """Orientation of the sensors of one leg."""
 
-    placements: dict[str, str]  #: placement whose sensor is on the segment.
-    rows: dict[
-        str, np.ndarray
-    ]  #: (3, 3) forward, left and up in the sensor's axes [1]; `gyr @ rows.T` in the segment's
-    gyr_bias: dict[str, np.ndarray]  #: (3,) gyroscope bias, in the sensor's axes [rad/s].
-    gravity: dict[str, float]  #: specific force at rest, or over whole strides [m/s²]; 0 without an accelerometer.
+    segments: dict[str, SegmentMounting]  #: "thigh", "shank" → its sensor.
     pose: Pose  #: hip and knee in the pose from which angles count.
-    notes: list[Note]  #: on segments of which it is not sure which way is forward.
 
 
 class WornLegs(NamedTuple):
@@ -52,7 +66,6 @@ class WornLegs(NamedTuple):
     cycle: Cycle  #: how the sensors turn over a stride.
     upright: np.ndarray  #: (T,) bool, the person stands.
     standing: tuple[int, int] | None  #: samples of the standing from which angles count; None: they count from walking.
-    rest: tuple[int, int] | None  #: samples of the rest that calibrates the gyroscopes: the standing, or the longest.
     notes: list[Note]
 
 
@@ -77,23 +90,19 @@ def _direction(imu: Imu, samples: slice) -> np.ndarray | None:
     return None if imu.acc is None else np.asarray(as_float(imu.acc)[measured(imu, samples)].mean(axis=0))
 
 
-def worn_legs(
-    sensors: Mapping[str, Imu], still: np.ndarray, sampling_rate_hz: float, *, perpendicular: bool = True,
-    estimator: str,
-) -> WornLegs:  # fmt: skip
+def worn_legs(sensors: Mapping[str, Imu], still: np.ndarray, sampling_rate_hz: float, *, estimator: str) -> WornLegs:
     """How sensors on thighs and shanks, all at the same times, are worn; sensors on feet witness it.
 
     Args:
         sensors: `thigh_SIDE`, `shank_SIDE`, and `foot_SIDE`.
         still: (T,) bool, where no leg moves.
         sampling_rate_hz: sampling rate [Hz].
-        perpendicular: make the sagittal axes perpendicular to gravity.
         estimator: its name, for the error.
 
     Raises:
         RecordingError: if nobody walks.
     """
-    cycle = cycle_of(sensors, perpendicular=perpendicular)
+    cycle = cycle_of(sensors)
     still_ones = {name for name in sensors if not name.startswith("foot")} - set(cycle.turning if cycle else ())
     if cycle is None or still_ones:
         raise RecordingError(
@@ -107,7 +116,7 @@ def worn_legs(
     }  # fmt: skip
     every = {name: segment_axes(right, up) for name, (_, right, up) in segments.items()}
     walks = {name: mean_force(segments[name][0], rows, cycle) for name, rows in every.items()}
-    rests = [run for run in true_runs(still) if run[1] - run[0] >= SHORTEST_S * sampling_rate_hz]
+    rests = [run for run in true_runs(still) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]
     stands, notes = [], list[Note]()
     for first, after in rests:
         tilts = [_tilt(name, imu, every[name], walks[name], slice(first, after))
@@ -121,17 +130,28 @@ def worn_legs(
     for (first, after), probability in zip(rests, stands, strict=True):
         upright[first:after] &= probability >= UPRIGHT
     likely = [run for run, probability in zip(rests, stands, strict=True) if probability >= UPRIGHT]
-    long = [run for run in likely if run[1] - run[0] >= LONG_S * sampling_rate_hz]
-    longest = max(rests, key=lambda run: run[1] - run[0], default=None)
+    long = [run for run in likely if run[1] - run[0] >= 1.0 * sampling_rate_hz]  # [s] the first long one calibrates
     standing = long[0] if long else max(likely, key=lambda run: run[1] - run[0], default=None)
     probability = 0.0 if standing is None else stands[rests.index(standing)]
-    rest = standing or longest
+    rest = standing or max(rests, key=lambda run: run[1] - run[0], default=None)
+    notes = [*places.notes(), *notes]
     legs = {}
     for side in SIDES:
-        if names := {name.partition("_")[0]: name for name in segments if name.endswith(side)}:
-            legs[side] = _leg(names, segments, cycle, places, standing, rest, probability, sampling_rate_hz,
-                              perpendicular=perpendicular)  # fmt: skip
-    return WornLegs(legs, places, cycle, upright, standing, rest, [*places.notes(), *notes])
+        if names := [name for name in segments if name.endswith(side)]:
+            each: dict[str, tuple[SegmentMounting, float | None]] = {}
+            for name in names:
+                worn = _segment(places.worn[name], *segments[name], cycle, standing, rest, sampling_rate_hz)
+                each[name.partition("_")[0]] = worn
+            means = {segment: mean for segment, (_, mean) in each.items()}
+            pose = pose_from_walking(means.get("thigh"), means.get("shank"), probability)
+            legs[side] = LegMounting({segment: worn for segment, (worn, _) in each.items()}, pose)
+            notes += [note for name in names for note in places.unsure(name)]
+            if standing is not None:
+                imus = [segments[name][0] for name in names]
+                rates = (as_float(imu.gyr)[measured(imu, slice(*standing))] for imu in imus)
+                fastest = max(float(np.linalg.norm(rate, axis=1).max()) for rate in rates)
+                notes += [STANDING_MOVES(side=side, rate=fastest)] if fastest > LEGS_RATE else []
+    return WornLegs(legs, places, cycle, upright, standing, notes)
 
 
 def _tilt(name: str, imu: Imu, rows: np.ndarray, walks: complex | None, rest: slice) -> tuple[str, float, float]:
@@ -144,29 +164,44 @@ def _tilt(name: str, imu: Imu, rows: np.ndarray, walks: complex | None, rest: sl
     return segment, float(np.arctan2(forward, up)) - mean + usual, float(np.arctan2(left, np.hypot(forward, up)))
 
 
-def _leg(
-    names: Mapping[str, str], segments: Mapping[str, tuple[Imu, np.ndarray, np.ndarray | None]], cycle: Cycle,
-    places: Places, standing: tuple[int, int] | None, rest: tuple[int, int] | None, stands: float, rate: float, *,
-    perpendicular: bool,
-) -> LegMounting:  # fmt: skip
-    """The orientation of one leg's sensors; `names` are its placements by segment."""
-    rows, bias, gravity, means = {}, {}, {}, {}
-    for segment, name in names.items():
-        imu, right, up = segments[name]
-        label = places.worn[name]
-        if standing is not None and (force := _direction(imu, slice(*standing))) is not None:
-            up = force / max(float(np.linalg.norm(force)), 1e-9)
-            axis = sagittal_axis(as_float(imu.gyr), up, cycle.walks & np.asarray(imu.mask, bool), rate,
-                                 perpendicular=perpendicular)  # fmt: skip
-            right = axis if axis @ right > 0.0 else -axis
-        rows[segment] = segment_axes(right, up)
-        bias[segment] = cycle.turning[label].bias
-        if rest is not None:
-            bias[segment] = as_float(imu.gyr)[measured(imu, slice(*rest))].mean(axis=0)
-        walked = mean_force(imu, rows[segment], cycle)
-        means[segment] = None if walked is None else float(np.angle(walked))
-        at_rest = None if rest is None else _direction(imu, slice(*rest))
-        gravity[segment] = float(np.linalg.norm(at_rest)) if at_rest is not None else abs(walked or 0.0)
-    pose = pose_from_walking(means.get("thigh"), means.get("shank"), stands)
-    notes = [note for name in names.values() for note in places.unsure(name)]
-    return LegMounting({k: places.worn[name] for k, name in names.items()}, rows, bias, gravity, pose, notes)
+def _segment(
+    label: str, imu: Imu, right: np.ndarray, up: np.ndarray | None, cycle: Cycle, standing: tuple[int, int] | None,
+    rest: tuple[int, int] | None, rate: float,
+) -> tuple[SegmentMounting, float | None]:  # fmt: skip
+    """The mounting of one sensor, which is called `label`, and the segment's mean inclination in walking [rad].
+
+    `right` and `up` are its axes by walking; `standing` calibrates them, and `rest` the gyroscope.
+    """
+    if standing is not None and (force := _direction(imu, slice(*standing))) is not None:
+        up = force / max(float(np.linalg.norm(force)), 1e-9)
+        axis = sagittal_axis(as_float(imu.gyr), up, cycle.walks & np.asarray(imu.mask, bool), rate)
+        right = axis if axis @ right > 0.0 else -axis
+    rows = segment_axes(right, up)
+    walked = mean_force(imu, rows, cycle)
+    bias, gravity = cycle.turning[label].bias, abs(walked or 0.0)
+    variance, unrest = np.asarray(QUIET_RATE**2), np.asarray(QUIET_RATE**2)
+    if rest is not None:
+        samples = measured(imu, slice(*rest))
+        gyr, acc = as_float(imu.gyr)[samples], None if imu.acc is None else as_float(imu.acc)[samples]
+        bias = gyr.mean(axis=0)
+        variance = np.asarray(max(np.var((gyr @ rows.T)[:, 1]), 1e-8))  # a coarse gyroscope reads a constant
+        unrest = _unrest(gyr, acc, rate)
+        gravity = gravity if acc is None else float(np.linalg.norm(acc.mean(axis=0)))
+    scale = GRAVITY / gravity if gravity else 0.0
+    mean = None if walked is None else float(np.angle(walked))
+    return SegmentMounting(label, rows, scale, rows @ bias, variance, unrest), mean
+
+
+def _unrest(gyr: np.ndarray, acc: np.ndarray | None, rate: float) -> np.ndarray:
+    """By how much the variance of the turns of a segment at rest is above that of quiet standing [rad²/s²].
+
+    Turns are those of the gyroscope (T, 3) [rad/s] over a tenth of a second about its mean, and the mean turn that the
+    direction of gravity shows, from the force (T, 3) in the first quarter and in the last one.
+    """
+    variance = np.stack([smooth(column, 0.1, rate) for column in gyr.T], axis=1).var(axis=0).sum()
+    if acc is not None:
+        quarter = max(1, len(acc) // 4)
+        ups = np.stack([acc[:quarter].mean(axis=0), acc[-quarter:].mean(axis=0)])
+        ups = ups / np.maximum(np.linalg.norm(ups, axis=1, keepdims=True), 1e-9)
+        variance += np.sum((ups[1] - ups[0]) ** 2) * (rate / max(1, len(acc) - quarter)) ** 2
+    return np.asarray(max(variance - QUIET_RATE**2, 0.0))

@@ -22,21 +22,15 @@ from jgait.types import SIDES, AnyArray, Imu, as_float
 SURE = 0.99
 """[1] Probability above which sensors are taken as exchanged, and an axis as the right way round."""
 
-LIKELY = 0.5
-"""[1] Probability of the places as they are called below which the sensors count no more."""
-
 EXCHANGED = 0.01
 """[1] Prior probability that a pair of sensors, or all of both legs, have changed places; chosen."""
-
-DEGREES_OF_FREEDOM = 4.0
-"""[1] Of Student's t distribution of harmonics over people; chosen, so that limping people do not contradict."""
 
 TEMPER = 0.5
 """[1] Weight of the likelihood, for the harmonics of one person are unusual together, as of a paretic leg. Chosen: with
 it simulated limping and hemiparetic people keep their sensors."""
 
-UNKNOWN, UNKNOWN_SD = 0.02, 1.0
-"""[1] Prior probability that a sensor moves as none does in walking, and the standard deviation of its harmonics."""
+UNKNOWN = 0.02
+"""[1] Prior probability that a sensor moves as none does in walking; its harmonics then have unit variance."""
 
 MOMENTS = 48
 """[1] Number of moments of the stride over which the likelihood is summed."""
@@ -108,13 +102,13 @@ def _log_likelihood(waves: np.ndarray, segment: str) -> np.ndarray:
     parts = (np.stack([sides, -sides], axis=1)[:, :, None] * begins) - mean
     known = np.isfinite(waves.real).all(axis=1)
     parts, spread = parts[..., known, :], spread[known]
-    size, dof = 2 * spread.size, DEGREES_OF_FREEDOM
+    size, dof = 2 * spread.size, 4.0  # of Student's t; chosen, so that limping people do not contradict
     square = np.sum((parts.real / spread.real) ** 2 + (parts.imag / spread.imag) ** 2, axis=(-2, -1))
     scale = float(np.sum(np.log(spread.real) + np.log(spread.imag)))
     # the normal density of any movement, beside Student's t of walking, without the constants that both share
     constant = sum(np.log(0.5 * (dof + 2.0 * i)) for i in range(size // 2)) - 0.5 * size * np.log(0.5 * dof)
     walks = constant - scale - 0.5 * (dof + size) * np.log1p(square / dof)
-    other = -0.5 * float(np.nansum(np.abs(waves) ** 2)) / UNKNOWN_SD**2 - size * np.log(UNKNOWN_SD)
+    other = -0.5 * float(np.nansum(np.abs(waves) ** 2))
     return np.asarray(np.logaddexp(np.log1p(-UNKNOWN) + walks, np.log(UNKNOWN) + other))
 
 
@@ -175,7 +169,7 @@ def places_of(cycle: Cycle) -> Places:
         share = float(moments @ (1.0 / (1.0 + np.exp(np.clip(signs[1] - signs[0], -700.0, 700.0)))))
         right[name], certain[name] = (1.0, share) if share >= 0.5 else (-1.0, 1.0 - share)
     worn = {name: names[order[place]] for place, name in enumerate(names)}
-    rather = unsure if weights[here] < LIKELY else frozenset[str]()
+    rather = unsure if weights[here] < 0.5 else frozenset[str]()
     return Places(worn, right, certain, float(1.0 - weights[here]), rather, unsure)
 
 
@@ -183,30 +177,26 @@ def places_in(sensors: Mapping[str, Imu]) -> Places | None:
     """Where the sensors on thighs, shanks (or ankles) and feet of a recording are, each with times of its own; None if
     it does not show, as with one sensor, with feet alone, or without a whole stride.
     """
-    ankles = (
-        {}
-        if any(name.startswith("shank") for name in sensors)
-        else {f"ankle_{side}": f"shank_{side}" for side in SIDES}
-    )
-    labels = {ankles.get(name, name): name for name in sensors}  # an ankle's sensor turns with the shank
+    shanks = any(name.startswith("shank") for name in sensors)
+    # an ankle's sensor turns with the shank
+    labels = {name if shanks else name.replace("ankle", "shank"): name for name in sensors}
     legs = {name: sensors[label] for name, label in labels.items() if name.partition("_")[0] in SEGMENTS}
     legs = {name: imu for name, imu in legs.items() if len(imu.time) > 2}
     whole = [name for name in legs if not name.startswith("foot")]
     if len(legs) < 2 or not whole:
         return None
     time = as_float(legs[whole[0]].time)
-    cycle = cycle_of({name: _at(imu, time) for name, imu in legs.items()})
+    cycle = cycle_of({name: at_times(imu, time) for name, imu in legs.items()})
     if cycle is None or len(cycle.turning) < 2:
         return None
-    of_cycle = places_of(cycle)
-    worn, right, certain = of_cycle.worn, of_cycle.right, of_cycle.certain
-    worn = {labels[name]: labels[label] for name, label in worn.items()}
-    right, certain = ({labels[name]: value for name, value in each.items()} for each in (right, certain))
-    doubtful, unsure = (frozenset(labels[name] for name in each) for each in (of_cycle.doubtful, of_cycle.unsure_of))
-    return Places(worn, right, certain, of_cycle.exchanged, doubtful, unsure)
+    found = places_of(cycle)
+    right, certain = ({labels[name]: value for name, value in each.items()} for each in (found.right, found.certain))
+    doubtful, unsure = (frozenset(labels[name] for name in each) for each in (found.doubtful, found.unsure_of))
+    worn = {labels[name]: labels[label] for name, label in found.worn.items()}
+    return Places(worn, right, certain, found.exchanged, doubtful, unsure)
 
 
-def _at(imu: Imu, time: np.ndarray) -> Imu:
+def at_times(imu: Imu, time: np.ndarray) -> Imu:
     """A sensor at other times (T,) [s]; what it did not measure is lost."""
     if np.array_equal(as_float(imu.time), time):
         return imu

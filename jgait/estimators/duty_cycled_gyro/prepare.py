@@ -15,17 +15,17 @@ from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
 from jgait.estimators.duty_cycled_gyro.notes import WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
-from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, SegmentMounting, in_segment, mounted
+from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, in_segment
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import LEGS_RATE, legs_at_rest
-from jgait.mounting.leg import SHORTEST_S, WornLegs, measured, worn_legs
+from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S, legs_at_rest
+from jgait.mounting.leg import SegmentMounting, WornLegs, measured, worn_legs
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
 NAME = "duty_cycled_gyro"
 
 NEEDS_STANDING = (
-    f"{NAME} needs {SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to find the "
+    f"{NAME} needs {LEGS_SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to find the "
     "gyroscope bias and the upright pose"
 )
 
@@ -88,7 +88,7 @@ def find_rests(
         legs_at_rest([instead(name, unknown) for name in sensors], rate_hz)
         for unknown in (np.full(time.size, MOVES), np.where(some, 0.0, MOVES))
     )
-    if not any(stop - start >= SHORTEST_S * rate_hz for start, stop in true_runs(strict)):
+    if not any(stop - start >= LEGS_SHORTEST_S * rate_hz for start, stop in true_runs(strict)):
         together = np.all([m.usable for m in used.values()], axis=0)
         more = f"; its gyroscopes are on together for {together.sum() / rate_hz:.1f} s"
         raise RecordingError(f"{NEEDS_STANDING}{'' if together.all() else more}")
@@ -164,15 +164,14 @@ def prepare(
     awake, worn = worn_legs_of(recording, used, rests, still, slept)
     there = {name: acc_received(recording.sensors[name], slept.get(name)) for name in names}
     notes = list(worn.notes)
-    for side in worn.legs:
-        mountings, more = mounted(awake, side, worn, recording.sampling_rate_hz)
+    for side, leg in worn.legs.items():
+        mountings = leg.segments
         legs[side] = GapLeg(
             *(
                 _signals(awake[mounting.placement], mounting, there[mounting.placement]) if mounting else None
                 for mounting in map(mountings.get, SEGMENTS)
             )
         )
-        notes += more
         if list(mountings) == ["thigh"]:
             notes.append(WORN_ALONE(placement=mountings["thigh"].placement))
     if bare:

@@ -19,7 +19,6 @@ from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
 from jgait.estimators.leg_ekf.slips import slipped
-from jgait.estimators.leg_ekf.worn import unworn
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
@@ -29,12 +28,6 @@ from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
 from jgait.quality.stride import of_stride
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
-
-STEPS_APART, APART = 1.6, 0.1
-"""[m], [1] Difference of the distances of both shanks beyond which one of them is wrong: a long stride, a share."""
-
-CLOSES_SD = 0.09
-"""[rad] Largest standard deviation of an inclination with which x and y are tied to the angles; chosen."""
 
 SPREAD = ("thigh_angle", "knee_angle", "x", "y")
 """Components of the state with a stated deviation."""
@@ -89,7 +82,7 @@ def observe(
         tilted: Values = there
         # A leg whose inclination is far off moves x and y along a wrong direction, from which the closure would wrongly
         # learn the angles.
-        close = xp.maximum(thigh.variance, shank.variance) < CLOSES_SD**2
+        close = xp.maximum(thigh.variance, shank.variance) < 0.09**2  # [rad²] chosen
     else:
         # In each quiet standing the pose is assumed to be the calibration pose, to about three degrees.
         control = LegControl(zero + 2.7e-3, zero + 2.7e-3)
@@ -309,13 +302,6 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
             diagnostics[f"stated_{side}"] = np.asarray(result.valid | ~made.inputs.valid)
             for start, stop in long_gaps(leg, made.inputs.time):
                 diagnostics[f"stated_{side}"][start:stop] = False
-            worn = getattr(result.legs, side), np.asarray(result.valid, bool), np.asarray(made.inputs.still, bool)
-            off, more = unworn(side, as_float(made.inputs.time), *worn)
-            if off.any():
-                diagnostics |= {f"stated_{side}": diagnostics[f"stated_{side}"] & ~off, f"worn_{side}": ~off}
-                gained = np.diff(as_float(result.distance), prepend=0.0)
-                result = result._replace(distance=np.cumsum(np.where(off, 0.0, gained)))
-                notes += more
             if (after := slipped(made.quality, side, as_float(made.inputs.time))).any():
                 diagnostics[f"slipped_{side}"] = after
     for side in SIDES:
@@ -326,7 +312,7 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
             notes += quality.doubts_of(f"shank_{side}", deviation, round(many), int(getattr(shanks, side).count))
     if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in diagnostics:
         right, left = (float(diagnostics[f"shank_distance_{side}"]) for side in SIDES)
-        if abs(right - left) > max(STEPS_APART, APART * max(right, left)):
+        if abs(right - left) > max(1.6, 0.1 * max(right, left)):  # a long stride [m], a share
             notes.append(SHANKS_APART(right=right, left=left))
     return result._replace(diagnostics={**diagnostics, "notes": (*diagnostics.get("notes", ()), *notes)})
 

@@ -2,14 +2,6 @@
 
 from jgait.notes import FEW_RESTS, LOSSES, Kind
 
-STANDING_MOVES = Kind(
-    "standing_moves",
-    "check",
-    "{side}: hip and knee angles are less certain: in the standing from which they count, the leg moves at up to "
-    "{rate:.2f} rad/s",
-    FEW_RESTS,
-)
-
 ZERO_OF_WALKING = Kind(
     "zero_of_walking",
     "check",
@@ -49,15 +41,6 @@ SLIPPED = Kind(
     "the standing that calibrates it",
     "Angles of hip and knee of this leg are wrong by as much from then on, and do not count. Cut the recording there, "
     "and analyse both parts, if the person stands in each.",
-)
-
-NOT_WORN = Kind(
-    "not_worn",
-    "check",
-    "{side}: no angles are stated from {from_s:.1f} to {to_s:.1f} s, where the knee would bend as none does, and not "
-    "in the rest of the walk",
-    "The thigh's or the shank's sensor was not yet worn, was put on, or came off. Other angles hold if the person "
-    "stood upright with both sensors worn. Strides of shanks are left out where neither leg's sensors are worn.",
 )
 
 SHANKS_APART = Kind(

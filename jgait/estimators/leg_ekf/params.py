@@ -87,7 +87,6 @@ class LegOptions(NamedTuple):
     """The improvements that are used; the effect of each is measured by `experiments/bennett2013`.
 
     Attributes:
-        perpendicular_axis: make the functional sagittal axis perpendicular to gravity.
         gravity: 3-D inclination from gyroscope and accelerometer instead of the sagittal rate alone.
         closure: observe x and y as equal to the forward kinematics.
         standing: correct inclination and gyroscope bias in quiet standing.
@@ -100,7 +99,6 @@ class LegOptions(NamedTuple):
         method: how the filter linearises, see `jgait.filtering`.
     """
 
-    perpendicular_axis: bool = True
     gravity: bool = True
     closure: bool = True
     standing: bool = True
@@ -115,9 +113,8 @@ DEFAULT = LegOptions()
 """The default pipeline, the most accurate one."""
 
 PAPER = LegOptions(
-    perpendicular_axis=True, gravity=False, closure=False, standing=False, smooth=False, distance="accumulate",
-    rate_hz=50.0, median=5,
-)  # fmt: skip
+    gravity=False, closure=False, standing=False, smooth=False, distance="accumulate", rate_hz=50.0, median=5
+)
 """The paper's pipeline: 50 Hz, five-sample median filter, two rates, accumulation."""
 
 

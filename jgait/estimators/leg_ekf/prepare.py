@@ -6,7 +6,6 @@ This module detects quiet standing and finds the mediolateral axis of each senso
 
 import itertools
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,23 +19,18 @@ from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Se
 from jgait.estimators.leg_ekf.notes import (
     NOT_ESTIMATED,
     ONE_LEG,
-    STANDING_MOVES,
     ZERO_OF_WALKING,
 )
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
 from jgait.estimators.leg_ekf.slips import slips
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import LEGS_RATE, legs_at_rest
-from jgait.geometry.vectors import GRAVITY
-from jgait.mounting.cycle import smooth
-from jgait.mounting.leg import SHORTEST_S, WornLegs, measured, worn_legs
+from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S, legs_at_rest
+from jgait.mounting.leg import SegmentMounting, worn_legs
+from jgait.mounting.places import at_times
 from jgait.notes import LEFT_OUT, Note
 from jgait.quality import SensorQuality, merged
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
-
-SMALLEST_VARIANCE = 1e-8  # rad²/s²; lower limit of the measured variance of a gyroscope at rest
-
+from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 LOWEST_RATE_HZ = 40.0
 """[Hz] Lowest sampling rate. Simulated knee angles err by 1.0° (rms) at 100 Hz, 1.2° at 41 Hz, 2.8° at 25 Hz."""
@@ -83,106 +77,23 @@ def resting_legs(
     sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
     time, sensors = resampled(time, sensors, options.rate_hz)
     if options.median > 1:
-        sensors = {k: i._replace(gyr=_median(i.gyr, options.median)) for k, i in sensors.items()}
+        from scipy import ndimage  # takes a quarter of a second to import
+
+        size = (options.median, 1)
+        sensors = {k: i._replace(gyr=ndimage.median_filter(i.gyr, size, mode="mirror")) for k, i in sensors.items()}
     gyrs, masks = zip(*((imu.gyr, imu.mask) for imu in sensors.values()), strict=True)
     return sides, sensors, time, legs_at_rest(gyrs, 1.0 / float(np.median(np.diff(time))), masks)
 
 
 def resampled(time: np.ndarray, sensors: dict[str, Imu], rate_hz: float | None) -> tuple[np.ndarray, dict[str, Imu]]:
-    """Every k-th sample, or else linear interpolation; unchanged for None. Raises RecordingError if the recording's
-    rate is lower than `rate_hz`.
-    """
+    """The sensors at a rate; unchanged for None. Raises RecordingError if the recording's rate is lower."""
     rate = 1.0 / float(np.median(np.diff(time)))
     if rate_hz is None or abs(rate / rate_hz - 1.0) < 0.01:
         return time, sensors
     if rate < rate_hz:
         raise RecordingError(f"rate_hz={rate_hz:g} is above the recording's rate of {rate:.1f} Hz")
-    factor = round(rate / rate_hz)
-    if abs(rate / rate_hz / factor - 1.0) < 0.01:
-        return time[::factor], {
-            k: Imu(i.time[::factor], i.gyr[::factor], None if i.acc is None else i.acc[::factor], i.mask[::factor])
-            for k, i in sensors.items()
-        }
-    grid = np.arange(time[0], time[-1], 1.0 / rate_hz)
-
-    def on_grid(values: AnyArray) -> np.ndarray:
-        return np.stack([np.interp(grid, time, c) for c in np.asarray(values, np.float64).T], 1)
-
-    near = np.clip(np.searchsorted(time, grid), 0, time.size - 1)
-    return grid, {
-        k: Imu(grid, on_grid(i.gyr), None if i.acc is None else on_grid(i.acc), np.asarray(i.mask)[near])
-        for k, i in sensors.items()
-    }
-
-
-def _median(values: AnyArray, size: int) -> np.ndarray:
-    """The median over a centred window of an odd number of samples; both ends are reflected."""
-    half = size // 2
-    if size % 2 == 0:
-        raise ValueError(f"size must be odd and positive, so that the window has a middle; got {size}")
-    if len(values) <= half:
-        raise RecordingError(f"a median over {size} samples needs more than {half}; the recording has {len(values)}")
-    from scipy import ndimage  # takes a quarter of a second to import
-
-    return np.asarray(ndimage.median_filter(as_float(values), size=(size, 1), mode="mirror"))
-
-
-class SegmentMounting(NamedTuple):
-    """Mounting and errors of the sensor of one segment, from a recording."""
-
-    placement: str  #: placement of the sensor; another one if sensors have changed places.
-    axes: np.ndarray  #: (3, 3) forward, left and up in the sensor's axes [1].
-    scale: float  #: factor on the accelerometer, so that it reads standard gravity [1]; 0 without one.
-    bias: np.ndarray  #: (3,) gyroscope bias at rest, in the segment's axes [rad/s].
-    variance: np.ndarray  #: sagittal gyroscope variance at rest [rad²/s²].
-    unrest: np.ndarray  #: variance of its turns at rest, over that of quiet standing [rad²/s²].
-
-
-QUIET_RATE, TURN_S = 0.02, 0.1
-"""[rad/s], [s] Root mean square of the turns of a segment in quiet standing, as `InclinationNoise.standing_rate`; and
-the window whose means are turns: noise from sample to sample is not."""
-
-
-def _unrest(gyr: np.ndarray, acc: np.ndarray | None, rate: float) -> np.ndarray:
-    """By how much the variance of the turns of a segment at rest is above that of quiet standing [rad²/s²].
-
-    Turns are those of the gyroscope (T, 3) [rad/s] about its mean, and the mean turn that the direction of gravity
-    shows, from the force (T, 3) in the first quarter and in the last one.
-    """
-    variance = np.stack([smooth(column, TURN_S, rate) for column in gyr.T], axis=1).var(axis=0).sum()
-    if acc is not None:
-        quarter = max(1, len(acc) // 4)
-        ups = np.stack([acc[:quarter].mean(axis=0), acc[-quarter:].mean(axis=0)])
-        ups = ups / np.maximum(np.linalg.norm(ups, axis=1, keepdims=True), 1e-9)
-        variance += np.sum((ups[1] - ups[0]) ** 2) * (rate / max(1, len(acc) - quarter)) ** 2
-    return np.maximum(variance - QUIET_RATE**2, 0.0)
-
-
-def mounted(
-    sensors: Mapping[str, Imu], side: str, worn: WornLegs, rate: float
-) -> tuple[dict[str, SegmentMounting], list[Note]]:
-    """Segment → the mounting of its sensor, of one leg; and notes."""
-    leg, segments = worn.legs[side], {}
-    rest = None if worn.rest is None else slice(*worn.rest)
-    for segment, axes in leg.rows.items():
-        imu = sensors[leg.placements[segment]]
-        scale = GRAVITY / leg.gravity[segment] if leg.gravity[segment] else 0.0
-        variance, unrest = np.asarray(QUIET_RATE**2), np.asarray(QUIET_RATE**2)
-        if rest is not None:
-            rests = measured(imu, rest)
-            # A coarsely quantised gyroscope has a constant reading at rest, but its noise is not 0.
-            variance = np.maximum(np.var((as_float(imu.gyr) @ axes.T)[rests, 1]), SMALLEST_VARIANCE)
-            unrest = _unrest(as_float(imu.gyr)[rests], None if imu.acc is None else as_float(imu.acc)[rests], rate)
-        bias = axes @ leg.gyr_bias[segment]
-        segments[segment] = SegmentMounting(leg.placements[segment], axes, scale, bias, variance, unrest)
-    notes = list(leg.notes)
-    if worn.standing is not None:
-        names = leg.placements.values()
-        rates = (as_float(sensors[name].gyr)[measured(sensors[name], slice(*worn.standing))] for name in names)
-        fastest = max(float(np.linalg.norm(each, axis=1).max()) for each in rates)
-        if fastest > LEGS_RATE:
-            notes.append(STANDING_MOVES(side=side, rate=fastest))
-    return segments, notes
+    grid = np.arange(time[0], time[-1] + 1e-6, 1.0 / rate_hz)
+    return grid, {name: at_times(imu, grid) for name, imu in sensors.items()}
 
 
 def _started(segment: Segment, still: np.ndarray, stride: int, step: float) -> Segment:
@@ -280,26 +191,25 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
     sides, sensors, time, still = resting_legs(recording, options)
     rate = 1.0 / float(np.median(np.diff(time)))
     every = with_feet(recording, sensors, time)
-    worn = worn_legs(every, still, rate, perpendicular=options.perpendicular_axis, estimator="leg_ekf")
+    worn = worn_legs(every, still, rate, estimator="leg_ekf")
     bare = any(imu.acc is None for imu in sensors.values())
     if worn.standing is None and (bare or not options.gravity):
         raise RecordingError(
-            f"leg_ekf needs {SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to know "
-            "the upright pose without accelerometers"
+            f"leg_ekf needs {LEGS_SHORTEST_S:g} s of quiet standing (all leg gyroscopes below {LEGS_RATE:g} rad/s) to "
+            "know the upright pose without accelerometers"
         )
     stride = round(worn.cycle.stride_time * rate)
     begins_walking = not bare and bool(worn.cycle.walks[:stride].all())
     legs, notes, slipping = {}, list(worn.notes), dict[str, SensorQuality]()
     for side in sides:
-        mountings, more = mounted(every, side, worn, rate)
-        segments = [in_segment(every[mounting.placement], mounting) for mounting in mountings.values()]
+        mountings = worn.legs[side].segments.values()
+        segments = [in_segment(every[mounting.placement], mounting) for mounting in mountings]
         if still[0] or begins_walking:
             segments = [_started(segment, still, stride, 1.0 / rate) for segment in segments]
         else:
             segments = [segment._replace(start=np.zeros(())) for segment in segments]
         thigh, shank = (rates_between(signals, time) if options.smooth else signals for signals in segments)
         legs[side] = LegSignals(thigh, shank, worn.legs[side].pose)
-        notes += more
     if worn.standing is None:
         notes.append(ZERO_OF_WALKING())
     else:

@@ -14,12 +14,6 @@ from jgait.types import Imu, as_float
 OTHERWISE_DEG = 10.0
 """[deg] Largest change of a segment's tilt between two times of standing; chosen, above that of legs of public sets."""
 
-WINDOW_S = 1.0
-"""[s] Time over which a segment's specific force is averaged, in which accelerations of walking vanish."""
-
-SHARE = 0.5
-"""[1] Least share of the change of tilt between standings that the movement of a sensor that slipped also shows."""
-
 
 def slips(
     sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray
@@ -47,7 +41,8 @@ def slips(
         if degrees[-1] > OTHERWISE_DEG and runs[-1].start >= standing.stop:
             moving = np.flatnonzero(np.asarray(imu.mask, bool) & ~upright)
             moving = moving[(moving >= standing.stop) & (moving < runs[-1].start)]
-            since = _since(force, moving, round(WINDOW_S / step), down, others[-1])
+            # [s] accelerations of walking vanish over it
+            since = _since(force, moving, round(1.0 / step), down, others[-1])
         if since is None:
             notes.append(
                 STANDS_OTHERWISE(placement=name, degrees=degrees[worst], at_s=time[runs[worst].start] - time[0])
@@ -62,7 +57,7 @@ def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray
     """The sample from which on a sensor is tilted as in the standing `after` (3,), and not as in that `before`.
 
     It splits windows of the samples in which the person moves so that their tilts vary least around the mean of either
-    part. None if the parts differ by less than `SHARE` of the change in standing, and if none is after.
+    part. None if the parts differ by less than half of the change in standing, and if none is after.
     """
     count = len(moving) // width
     if count < 2:
@@ -74,7 +69,7 @@ def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray
     parts = [(values[:number], values[number:]) for number in range(1, len(values))]
     best = min(range(len(parts)), key=lambda number: sum(len(part) * float(np.var(part)) for part in parts[number]))
     first, last = parts[best]
-    return None if last.mean() - first.mean() < SHARE else int(kept[max(best - 1, 0), 0])
+    return None if last.mean() - first.mean() < 0.5 else int(kept[max(best - 1, 0), 0])
 
 
 def slipped(quality: Mapping[str, SensorQuality], side: str, time: np.ndarray) -> np.ndarray:

@@ -22,11 +22,11 @@ from jgait.estimators.duty_cycled_gyro.model_params import PlanarSegment, Segmen
 from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_rests, worn_legs_of, worn_names
 from jgait.estimators.leg_ekf.params import one_side
-from jgait.estimators.leg_ekf.prepare import SegmentMounting, mounted
 from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import LegsNow, lost_for, stacked_mountings, standing_samples, stood
 from jgait.events.rest import LEGS_RATE
 from jgait.filtering import Belief
+from jgait.mounting.leg import SegmentMounting
 from jgait.notes import Note
 from jgait.types import SIDES, Counts, Flags, Recording, Values, as_float
 
@@ -72,14 +72,12 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     time = checked(recording, names)
     sensors = {name: recording.sensors[name] for name in names}
     used = gyroscope_masks(recording, names)
-    awake, calibration = worn_legs_of(recording, used, *find_rests(sensors, used, time), {})
-    notes = list(calibration.notes)
+    _, calibration = worn_legs_of(recording, used, *find_rests(sensors, used, time), {})
     mountings: list[SegmentMounting] = []
     legs: dict[int, tuple[int | None, ...]] = {}
     for number, side in enumerate(SIDES):
         if side in calibration.legs:
-            segments, more = mounted(awake, side, calibration, recording.sampling_rate_hz)
-            notes += more
+            segments = calibration.legs[side].segments
             places = {segment: len(mountings) + k for k, segment in enumerate(segments)}
             legs[number] = tuple(map(places.get, SEGMENTS))
             mountings += segments.values()
@@ -88,7 +86,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     leg_params = tuple(one_side(p, side) for side in legs)
     constants = DutyConstants(leg_params, worn, window, as_float(START_VARIANCE))
     options = DutyDeviceOptions(all(imu.acc is not None for imu in sensors.values()), tuple(legs.values()))
-    return Device("legs", placements, constants, begin, advance, options, tuple(legs)), tuple(notes)
+    return Device("legs", placements, constants, begin, advance, options, tuple(legs)), tuple(calibration.notes)
 
 
 def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> DutyState:

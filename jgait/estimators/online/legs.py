@@ -18,7 +18,7 @@ from jaxtyping import PyTree
 from jgait.estimators.leg_ekf.estimator import LegBeliefs, calibrated, deviation_of, filtered, start, trajectory_of
 from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side
-from jgait.estimators.leg_ekf.prepare import LONG_GAP, SegmentMounting, mounted, resting_legs, with_feet
+from jgait.estimators.leg_ekf.prepare import LONG_GAP, resting_legs, with_feet
 from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M, backward
 from jgait.estimators.online.device import Device, Readings
 from jgait.estimators.online.standing import (
@@ -72,12 +72,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     rate = 1.0 / float(np.median(np.diff(time)))
     every = with_feet(recording, sensors, time)
     calibration = worn_legs(every, still, rate, estimator="leg_ekf")
-    notes = list(calibration.notes)
-    mountings: list[SegmentMounting] = []
-    for side in sides:
-        segments, more = mounted(every, side, calibration, rate)
-        mountings += segments.values()
-        notes += more
+    mountings = [mounting for side in sides for mounting in calibration.legs[side].segments.values()]
     numbers = tuple(SIDES.index(side) for side in sides)
     placements, worn = stacked_mountings(mountings)
     worn = jax.tree.map(lambda v: v.reshape(-1, 2, *v.shape[1:]), worn)
@@ -85,7 +80,7 @@ def device(p: LegParams, recording: Recording) -> tuple[Device, tuple[Note, ...]
     constants = LegsConstants(p, leg_params, worn, standing_samples(rate), as_float(START_VARIANCE))
     gravity = KINEMATICS.gravity and all(imu.acc is not None for imu in sensors.values())
     options = KINEMATICS._replace(gravity=gravity)
-    return Device("legs", placements, constants, begin, advance, options, numbers), tuple(notes)
+    return Device("legs", placements, constants, begin, advance, options, numbers), tuple(calibration.notes)
 
 
 def _signals(worn: PyTree, samples: Readings, lost: Values) -> LegSignals:

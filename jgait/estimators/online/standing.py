@@ -7,9 +7,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import PyTree
 
-from jgait.estimators.leg_ekf.prepare import SegmentMounting
 from jgait.estimators.online.device import Readings
 from jgait.events.rest import LEGS_WINDOW_S
+from jgait.mounting.leg import SegmentMounting
 from jgait.types import Counts, Flags, LegTrajectory, Values
 
 START_VARIANCE = 0.3

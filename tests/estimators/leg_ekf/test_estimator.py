@@ -234,16 +234,9 @@ def test_what_cannot_be_estimated_is_refused_with_what_was_expected_and_what_cam
         leg_ekf.estimate(LegParams(), changed(noisy[0]))
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"rate_hz": 200.0}, RecordingError, "rate_hz=200 is above the recording's rate of 50.0 Hz"),
-        ({"median": 4}, ValueError, "size must be odd and positive.* got 4"),
-    ],
-)
-def test_options_that_do_not_fit_are_refused(noisy, options, error, message):
-    with pytest.raises(error, match=message):
-        leg_ekf.estimate(LegParams(), noisy[0], DEFAULT._replace(**options))
+def test_a_rate_above_the_recording_s_is_refused(noisy):
+    with pytest.raises(RecordingError, match="rate_hz=200 is above the recording's rate of 50.0 Hz"):
+        leg_ekf.estimate(LegParams(), noisy[0], DEFAULT._replace(rate_hz=200.0))
 
 
 @pytest.mark.release
