@@ -101,9 +101,9 @@ def recording_in_units(
     notes_of: dict[str, tuple[Note, ...]] = {}
     imus, noted = {}, {}
     every = np.hstack([as_float(values) for each in sensors.values() for values in each.values() if values is not None])
-    twice = ~np.diff(every, axis=0).any(axis=1)
-    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, twice)
-    twice = twice if len(sensors) > 1 else None
+    again = ~np.diff(every, axis=0).any(axis=1)
+    clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, again)
+    twice = again if len(sensors) > 1 else None
     for placement, signals in sensors.items():
         read = _in_si(signals, scales[placement])
         masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz, twice)
