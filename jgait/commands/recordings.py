@@ -10,6 +10,7 @@ from jaxtyping import PyTree
 from jgait import io
 from jgait.commands.console import stop
 from jgait.io.formats import columns
+from jgait.io.names import NOT_USED, no_placement
 from jgait.types import PLACEMENTS, Recording, RecordingError, reason_of
 
 Rate = Annotated[float | None, typer.Option(help="Samples a second [Hz]; needed without a time column.")]
@@ -66,9 +67,9 @@ def in_options(error: RecordingError, *names: str) -> RecordingError:
 def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
     """The placement for files of one sensor, and sensor → placement; exits with code 2 for any other text."""
     pairs = [text.rpartition("=")[::2] for text in given or ()]
-    for _, where in pairs:
-        if where not in PLACEMENTS:
-            stop(f"--place: there is no placement {where!r}; known are {', '.join(PLACEMENTS)}")
+    for sensor, where in pairs:
+        if where not in PLACEMENTS and not (sensor and where == NOT_USED):
+            stop(f"--place: {no_placement(where)}")
     alone = [where for sensor, where in pairs if not sensor]
     places = {sensor: where for sensor, where in pairs if sensor}
     if alone and places:

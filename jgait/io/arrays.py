@@ -1,6 +1,5 @@
 """Convert arrays to a `Recording` in SI units, on one clock, with missing samples masked."""
 
-import difflib
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,6 +10,7 @@ from jgait.io.checks import contradictions, quality_notes
 from jgait.io.checks.readings import RANGE_LOST, without_damage, without_repeats
 from jgait.io.checks.sizes import COUNTS_GIVEN, RANGE_UNITS, are_counts, check_range, usable_sensors
 from jgait.io.clock import SampleTimes, by_stated_rate, count_samples, make_clock
+from jgait.io.names import no_placement
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, known_unit, unit_scale
 from jgait.notes import AS_READ, DATA_LOST, Note
 from jgait.quality import SensorQuality, merged
@@ -171,9 +171,7 @@ def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, na
 def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int | None, name: str) -> int:
     """Check the names and shapes of one sensor's signals; returns its number of samples."""
     if placement not in PLACEMENTS:
-        near = difflib.get_close_matches(placement, PLACEMENTS, 1, 0.6)
-        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(PLACEMENTS)}"
-        raise RecordingError(f"{name}: there is no placement {placement!r}; {hint}")
+        raise RecordingError(f"{name}: {no_placement(placement)}")
     if signals.get("gyr") is None:
         raise RecordingError(f"{name}: {placement} needs 'gyr' of shape (T, 3); it has {sorted(signals)}")
     for kind in (kind for kind in ("gyr", "acc") if signals.get(kind) is not None):

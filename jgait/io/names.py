@@ -36,6 +36,9 @@ CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
 COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in PLACEMENTS for channel in CHANNELS)})
 """The columns that jgait reads."""
 
+NOT_USED = "none"
+"""What a user states instead of a placement for a sensor that is to be left out."""
+
 LONG_UNITS = {"min": 60.0, "h": 3600.0}
 """Unit of time that only the name of a column states → s."""
 
@@ -285,3 +288,10 @@ def _with_axis(spelt: str, axis: str) -> str:
 def _few(names: list[str]) -> str:
     """The first four of some names, and how many more there are."""
     return ", ".join(map(repr, names[:4])) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def no_placement(text: str) -> str:
+    """The words about a placement that jgait does not know, with the nearest one, or with all."""
+    near = difflib.get_close_matches(text, PLACEMENTS, 1, 0.6)
+    hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(PLACEMENTS)}"
+    return f"there is no placement {text!r}; {hint}"

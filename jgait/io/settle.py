@@ -15,7 +15,7 @@ from jgait.io.checks.readings import placeholders_in
 from jgait.io.checks.sizes import BY_SIZE, NO_GRAVITY, are_counts, counts_without_unit, measures_gravity
 from jgait.io.clock import by_stated_rate, date_note
 from jgait.io.clocks import on_one_counter, one_clock
-from jgait.io.names import placement_of
+from jgait.io.names import NOT_USED, no_placement, placement_of
 from jgait.io.part import Measured, Part
 from jgait.io.units import Unit
 from jgait.notes import AS_READ, DEDUCED, LEFT_OUT, Note
@@ -92,14 +92,14 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
         if label not in labels:
             text = f"{name} has no sensor {label!r} (named by {{argument}}); it has {labels}"
             raise RecordingError(text, argument="placements")
-        if place not in PLACEMENTS:
-            raise RecordingError(f"{name}: there is no placement {place!r}; known are {known}")
+        if place not in (*PLACEMENTS, NOT_USED):
+            raise RecordingError(f"{name}: {no_placement(place)}")
     placed: dict[str, Part] = {}
     nowhere: list[str] = []
     for part in parts:
         where = chosen.get(part.label) or part.placement or placement_of(part.label)
         if where is None or where not in PLACEMENTS:
-            nowhere.append(part.label)
+            nowhere.append(f"{part.label!r} ({'as asked' if where == NOT_USED else 'its place is not known'})")
             continue
         if where in placed:
             both = f"the sensors {placed[where].label!r} and {part.label!r} both sat at {where}"
@@ -111,11 +111,10 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
     if not placed:
         raise RecordingError(
             f"{name} does not state where its sensors sat: pass {{argument}}; its sensors are {labels}, known "
-            f"placements {known}", argument="placements", value={nowhere[0]: "shank_right"},
+            f"placements {known}", argument="placements", value={labels[0]: "shank_right"},
         )  # fmt: skip
     if nowhere:
-        left = ", ".join(f"{label!r} (its place is not known)" for label in nowhere)
-        notes.append(LEFT_OUT.note(f"left out: {left}"))
+        notes.append(LEFT_OUT.note(f"left out: {', '.join(nowhere)}"))
     return placed
 
 

@@ -5,7 +5,7 @@ about each stride, `model` turns the evidence into a factor on the stated deviat
 stride is wrong, with numbers that were learned from strides beside a reference; `judge` and `notes` write sentences.
 """
 
-from jgait.quality.judge import UNCERTAIN, Trust, doubts_of, judged, trust
+from jgait.quality.judge import DOUBTED_SHARE, UNCERTAIN, Trust, doubts_of, judged, trust
 from jgait.quality.model import (
     DOUBTFUL_FROM,
     QualityParams,
@@ -22,7 +22,7 @@ from jgait.quality.sensor import SOUND, SensorQuality, above, merged, of_sensor,
 from jgait.quality.stride import EVIDENCE, StrideQuality
 
 __all__ = [
-    "DOUBTFUL_FROM", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality", "StrideQuality", "Trust",
-    "above", "doubt", "doubts_of", "factor", "judged", "learned", "length_share", "log_likelihood", "merged",
-    "of_sensor", "opposite", "trust", "widened", "with_share", "with_time_spread",
+    "DOUBTED_SHARE", "DOUBTFUL_FROM", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality",
+    "StrideQuality", "Trust", "above", "doubt", "doubts_of", "factor", "judged", "learned", "length_share",
+    "log_likelihood", "merged", "of_sensor", "opposite", "trust", "widened", "with_share", "with_time_spread",
 ]  # fmt: skip

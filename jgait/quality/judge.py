@@ -12,10 +12,10 @@ from jgait.quality.stride import EVIDENCE, StrideQuality
 from jgait.types import Estimate, as_float
 
 UNCERTAIN = 0.25
-"""[m] Standard deviation of a stride's length above which a note says so: seconds without a stance."""
+"""[m] Standard deviation of a stride's length above which it is useless: seconds without a rest of the foot."""
 
 DOUBTED_SHARE = 0.2
-"""[1] Share of a sensor's strides in doubt above which a note names them."""
+"""[1] Share of a sensor's strides in doubt, or useless, above which a note names them."""
 
 REASONS = {
     "innovation": "the foot does not seem to stand still before or after",
@@ -44,9 +44,9 @@ STRIDES_DOUBTFUL = Kind(
 STANCES_RARE = Kind(
     "stances_rare",
     "stop",
-    "{placement}: no stance for so long that a stride is known to {deviation_m:.1f} m only",
-    "The position is integrated from stance to stance, and drifts by metres without stances. Do not use positions and "
-    "lengths. Stances are missing where samples are lost; a kneeling, crawling or carried foot does not stand.",
+    "{placement}: lengths of {uncertain} of {total} strides are uncertain by more than {limit_m:g} m",
+    "Motion is integrated from one rest of the foot to the next, and drifts by metres without them. Do not use "
+    "positions and lengths. Rests are missing where samples are lost; a kneeling or carried foot does not stand.",
 )
 
 
@@ -104,19 +104,21 @@ def judged(
     rare: dict[str, SensorQuality] = {}
     for name in dict.fromkeys(placements.values()):
         rows = np.isin(side, [number for number, placement in placements.items() if placement == name])
-        deviation = float(np.max(deviations[rows], initial=0.0))
-        rare[name] = SensorQuality(unusable=deviation > UNCERTAIN)
-        why = reason(p, quality, rows & doubtful) if (rows & doubtful).any() else ""
-        notes += doubts_of(name, deviation, int(doubtful[rows].sum()), int(rows.sum()), why)
+        uncertain, many, total = (int(part.sum()) for part in (deviations[rows] > UNCERTAIN, doubtful[rows], rows))
+        rare[name] = SensorQuality(unusable=uncertain > DOUBTED_SHARE * total)
+        why = reason(p, quality, rows & doubtful) if many else ""
+        notes += doubts_of(name, uncertain, many, total, why)
     more = {"notes": (*diagnostics["notes"], *notes), "sensors": merged(diagnostics["sensors"], rare)}
     return estimate._replace(diagnostics={**diagnostics, **more})
 
 
-def doubts_of(placement: str, deviation: float, many: int, total: int, why: str = REASONS["innovation"]) -> list[Note]:
-    """Notes on a sensor, from the largest deviation of its strides' lengths [m], how many of them are in doubt, how
-    many there are, and what puts them in doubt.
+def doubts_of(placement: str, uncertain: int, many: int, total: int, why: str = REASONS["innovation"]) -> list[Note]:
+    """Notes on a sensor, from how many of its strides are uncertain by more than `UNCERTAIN`, how many are in doubt,
+    how many there are, and what puts them in doubt.
     """
-    notes = [STANCES_RARE(placement=placement, deviation_m=deviation)] if deviation > UNCERTAIN else []
+    notes = []
+    if uncertain > DOUBTED_SHARE * total:
+        notes.append(STANCES_RARE(placement=placement, uncertain=uncertain, total=total, limit_m=UNCERTAIN))
     if many > DOUBTED_SHARE * total:
         notes.append(STRIDES_DOUBTFUL(placement=placement, strides=many, total=total, reason=why))
     return notes

@@ -43,10 +43,6 @@ class SensorQuality(NamedTuple):
         unlike: True if the walk is unlike those from which the estimator's lengths were learned.
         unusable: True if the estimator states that its numbers from this sensor must not be used.
         slips_at: time from the first sample at which the sensor slipped on its segment [s]; inf if it did not.
-        leans_at: time from the first sample from which the sensor leans otherwise in stance [s]; inf if it does not.
-        leans_deg: largest change of its lean [deg].
-        exchanged_at: time from the first sample at which the sensors of both shoes changed places [s]; inf if they did
-            not.
         alone: True if the sensor is not used because the other segment of its leg has no sensor.
     """
 
@@ -76,9 +72,6 @@ class SensorQuality(NamedTuple):
     unlike: bool = False
     unusable: bool = False
     slips_at: float = np.inf
-    leans_at: float = np.inf
-    leans_deg: float = 0.0
-    exchanged_at: float = np.inf
     alone: bool = False
 
     @property

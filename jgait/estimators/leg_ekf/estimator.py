@@ -196,7 +196,8 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
             of_side = shanks.strides.valid & (shanks.strides.side == side)
             diagnostics[f"shank_distance_{name}"] = xp.sum(xp.where(of_side, shanks.strides.length, 0.0))
             if f"nis_{name}" in shanks.diagnostics:
-                diagnostics[f"shank_stride_stddev_{name}"] = xp.max(xp.where(of_side, spreads.length, 0.0))
+                useless = of_side & (spreads.length > quality.UNCERTAIN)
+                diagnostics[f"shank_uncertain_{name}"] = xp.sum(useless)
                 diagnostics[f"shank_doubtful_{name}"] = xp.sum(of_side & doubtful)
     return p.distance_scale * way, {"distance_stddev": p.distance_scale * spread, **diagnostics}
 
@@ -306,10 +307,11 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
                 diagnostics[f"slipped_{side}"] = after
     for side in SIDES:
         if shanks is not None and f"shank_doubtful_{side}" in diagnostics:
-            deviation, many = (float(diagnostics[f"shank_{key}_{side}"]) for key in ("stride_stddev", "doubtful"))
-            rare = SensorQuality(unusable=deviation > quality.UNCERTAIN)
+            uncertain, many = (round(float(diagnostics[f"shank_{key}_{side}"])) for key in ("uncertain", "doubtful"))
+            total = int(getattr(shanks, side).count)
+            rare = SensorQuality(unusable=uncertain > quality.DOUBTED_SHARE * total)
             diagnostics["sensors"] = merged(diagnostics["sensors"], {f"shank_{side}": rare})
-            notes += quality.doubts_of(f"shank_{side}", deviation, round(many), int(getattr(shanks, side).count))
+            notes += quality.doubts_of(f"shank_{side}", uncertain, many, total)
     if made.inputs.right is not None and made.inputs.left is not None and "shank_distance_right" in diagnostics:
         right, left = (float(diagnostics[f"shank_distance_{side}"]) for side in SIDES)
         if abs(right - left) > max(1.6, 0.1 * max(right, left)):  # a long stride [m], a share

@@ -20,7 +20,8 @@ PACE_UNUSUAL = Kind(
     "check",
     "{sensors}: in a stride of {seconds:.2f} s a leg turns {angle:.2f} times as far and is shaken {shaking:.2f} times "
     "as hard as in usual walking; {cause}",
-    "If the person did not run, limp or take very short steps, angles, lengths and speeds of this recording are wrong.",
+    "If the person did not run, limp or take very short steps, angles, lengths and speeds of this recording are wrong. "
+    "A sensor on another segment than stated, such as a foot for a shank, looks the same.",
 )
 
 
