@@ -4,8 +4,8 @@ import pandas as pd
 import pytest
 
 from jgait.commands.console import say_flags
-from jgait.estimators.leg_ekf.notes import STANDING_MOVES
 from jgait.evaluate.clocks import REFERENCE_OTHER
+from jgait.mounting.leg import STANDING_MOVES
 from jgait.notes import AS_READ, WRONG_PLACE, Kind, to_json
 from jgait.report.cohort import of_notes
 

@@ -54,7 +54,7 @@ def test_the_effect_of_a_sensor_is_that_of_finite_differences(walk, explained, e
     row = next((a for a in explained.assumptions if a.name == f"{CALIBRATION[error][0]}, waist"), None)
     each = getattr(SENSOR, error) / (math.sqrt(3.0) if error == "mounting" else 1.0)
     axes = [
-        slope(lambda d, a=axis: length(WAIST.params, with_error(walk, "waist", error, d * a)), 1e-2)
+        slope(lambda d, a=axis: length(WAIST.params, with_error(walk, "waist", error, d * a)), 1e-3)
         for axis in each * np.eye(3)
     ]
     assert (0.0 if row is None else row.effect) == pytest.approx(

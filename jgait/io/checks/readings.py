@@ -228,10 +228,12 @@ def _axis_stuck(kind: str, values: np.ndarray, axis: int, rate: float) -> list[t
     for start, end in runs:
         free[start:end] = False
     chance = np.log(max(float(same[free].mean()) if free.any() else 1.0, 1e-3))
+    rests = _long_runs(~steps.any(axis=1), rate)  # a sensor without noise repeats itself in simple movements too
     limits = (np.nanmin(column), np.nanmax(column))
     return [
         (start, end) for start, end in runs
         if (end - start) * chance < np.log(at.BY_CHANCE)
+        and all(start <= s < end for s, _ in rests)
         and np.nanmean(change[start:end]) > at.AS_ELSEWHERE * np.nanmean(change)
         and not (column[start] in limits and abs(column[start]) > at.FROZEN_CHANGE[kind])
     ]  # fmt: skip
