@@ -30,8 +30,8 @@ Place = Annotated[
     list[str] | None,
     typer.Option(
         "--place",
-        help="Where a sensor sat: SENSOR=shank_right with the sensor's name in the file, once for each; or shank_right "
-        "alone for files of one sensor.",
+        help="Where a sensor sat: SENSOR=shank_right with the sensor's name in the file, once for each; SENSOR=none "
+        "leaves it out; or shank_right alone for files of one sensor.",
     ),
 ]
 Trial = Annotated[

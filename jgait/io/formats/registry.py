@@ -110,7 +110,7 @@ def read(
         path: the file or folder; or placement → file, for systems that write a file a sensor.
         format: one of `FORMATS`; None: recognised by the file's name and first bytes.
         placement: where the sensor sat, for a file of one sensor.
-        placements: the file's name of a sensor → its placement.
+        placements: the file's name of a sensor → its placement, or "none" for a sensor that is to be left out.
         gyr_unit: 'deg/s', 'rad/s', 'mdeg/s' or 'mrad/s', overrules the file.
         acc_unit: 'm/s^2', 'g' or 'mg', overrules the file.
         sampling_rate_hz: [Hz] for files that do not state it.
