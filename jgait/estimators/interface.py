@@ -173,6 +173,10 @@ class Estimator[P, I](NamedTuple):
         """The declared ranges of the parameters, in the same type."""
         return ranges(self.params)
 
+    def pad(self, inputs: I, samples: int) -> I:
+        """The inputs with invalid samples at the end, which do not change the estimate; see `pad`."""
+        return pad(inputs, samples)
+
     def estimate(self, p: P, recording: Recording) -> Estimate:
         """The estimate of one recording: prepared, padded, computed, without padding.
 
