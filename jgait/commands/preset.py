@@ -114,7 +114,7 @@ class Number(NamedTuple):
 def numbers(pipeline: Estimator[PyTree, PyTree], start: PyTree) -> list[Number]:
     """The numbers of the parameters that could be learned; not those of people's bodies."""
     body = (m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline))
-    without, known, found = (*pipeline.unused, *body), stated(start), []
+    without, known, rows = (*pipeline.unused, *body), stated(start), []
     for name, transform, value in zip(
         names(pipeline.transforms), *map(_leaves, (pipeline.transforms, start)), strict=True
     ):
@@ -124,10 +124,10 @@ def numbers(pipeline: Estimator[PyTree, PyTree], start: PyTree) -> list[Number]:
         deviation = KNOWN * abs(float(value)) if entry is None or np.isnan(entry.deviation) else entry.deviation
         free = transform.to_free(jnp.asarray(value, float))
         if deviation > 0.0 and np.isfinite(free):
-            found.append(
+            rows.append(
                 Number(name, float(value), deviation, deviation / abs(float(jax.grad(transform.to_natural)(free))))
             )
-    return found
+    return rows
 
 
 def learnable(

@@ -176,8 +176,8 @@ def one_clock(
             f"{name}: the sensors' clocks do not overlap: one begins at {begin:.3f} s, one ends at {end:.3f} s"
         )
     common = times[base][(times[base] >= begin) & (times[base] <= end)]
-    for (where, kinds, _), own in zip(tracks, times, strict=True):
-        sensors[where] |= {kind: _resampled(common, own, sensors[where][kind]) for kind in kinds}
+    for (where, kinds, _), stamps in zip(tracks, times, strict=True):
+        sensors[where] |= {kind: _resampled(common, stamps, sensors[where][kind]) for kind in kinds}
     joined = "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s"
     notes.append(TIMES_CORRECTED.note(joined, placement=tracks[base].where, begin_s=begin, end_s=end))
     return common, None

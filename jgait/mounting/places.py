@@ -189,11 +189,11 @@ def places_in(sensors: Mapping[str, Imu]) -> Places | None:
     cycle = cycle_of({name: at_times(imu, time) for name, imu in legs.items()})
     if cycle is None or len(cycle.turning) < 2:
         return None
-    found = places_of(cycle)
-    right, certain = ({labels[name]: value for name, value in each.items()} for each in (found.right, found.certain))
-    doubtful, unsure = (frozenset(labels[name] for name in each) for each in (found.doubtful, found.unsure_of))
-    worn = {labels[name]: labels[label] for name, label in found.worn.items()}
-    return Places(worn, right, certain, found.exchanged, doubtful, unsure)
+    placed = places_of(cycle)
+    right, certain = ({labels[name]: value for name, value in each.items()} for each in (placed.right, placed.certain))
+    doubtful, unsure = (frozenset(labels[name] for name in each) for each in (placed.doubtful, placed.unsure_of))
+    worn = {labels[name]: labels[label] for name, label in placed.worn.items()}
+    return Places(worn, right, certain, placed.exchanged, doubtful, unsure)
 
 
 def at_times(imu: Imu, time: np.ndarray) -> Imu:

@@ -99,10 +99,10 @@ def _leg(
         planar["thigh"], planar["shank"], inputs.time, inputs.dt, inputs.still, inputs.valid, inputs.start_variance
     )  # fmt: skip
     result = duty_model.run(p, of_leg, accelerometers=options.accelerometers, method=options.method)
-    found = {name: part for name, part in zip(SEGMENTS, result, strict=True) if part is not None}
+    segments = {name: part for name, part in zip(SEGMENTS, result, strict=True) if part is not None}
     return (
-        {name: (rates[name], part) for name, part in found.items()},
-        joints(p, *found.values()) if len(found) == 2 else None,
+        {name: (rates[name], part) for name, part in segments.items()},
+        joints(p, *segments.values()) if len(segments) == 2 else None,
     )
 
 

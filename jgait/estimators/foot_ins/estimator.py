@@ -261,8 +261,8 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
         return None
 
     def path_of_window(window: FootSignals, time: Values) -> PyTree:
-        found = jax.tree.map(lambda leaf: leaf[0], _paths(p, stacked(window), time, options))
-        return found.path, found.diagnostics["nis"], found.valid
+        paths = jax.tree.map(lambda leaf: leaf[0], _paths(p, stacked(window), time, options))
+        return paths.path, paths.diagnostics["nis"], paths.valid
 
     results = {}
     for side, foot in _worn(inputs).items():
