@@ -44,6 +44,11 @@ COMMANDS = {
 INTERRUPTED = 128 + signal.SIGINT
 """Exit status of a command after Ctrl-C."""
 
+
+class Interrupted(KeyboardInterrupt):
+    """A signal that ends the command; after a bare `KeyboardInterrupt` within `exec`, `python -m` ends as killed."""
+
+
 _kept: list[Path] = []
 """The folder of compiled programs, if `main` could make it."""
 
@@ -112,11 +117,12 @@ def main() -> None:
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     ended = [signal.SIGINT]
 
-    def terminated(number: int, _: object) -> None:
+    def interrupted(number: int, _: object) -> None:
         ended.append(signal.Signals(number))
-        raise KeyboardInterrupt  # so that a command removes what it began, as after Ctrl-C
+        raise Interrupted  # so that a command removes what it began
 
-    signal.signal(signal.SIGTERM, terminated)
+    signal.signal(signal.SIGTERM, interrupted)
+    signal.signal(signal.SIGINT, interrupted)
     try:
         app()
     except (KeyboardInterrupt, SystemExit) as end:
