@@ -21,7 +21,7 @@ except ImportError as missing:  # the library alone does without them
     print(needed, file=sys.stderr)
     raise SystemExit(1) from missing
 
-from jgait.commands.cache import folder
+from jgait.commands import programs_folder
 
 COMMANDS = {
     "demo": "Estimate, compare with the truth, tune, judge: a first look.",
@@ -111,9 +111,9 @@ def main() -> None:
     os.environ["JAX_ENABLE_X64"] = "1"
     os.environ.setdefault("JAX_PLATFORMS", "cpu")  # a GPU takes longer for one recording
     with contextlib.suppress(OSError):  # no place to keep them: every run compiles anew
-        folder().mkdir(parents=True, exist_ok=True)
-        _kept.append(folder())
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder())
+        programs_folder().mkdir(parents=True, exist_ok=True)
+        _kept.append(programs_folder())
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(programs_folder())
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
     ended = [signal.SIGINT]
 

@@ -1,18 +1,12 @@
 """`jgait cache`: the compiled programs that the commands keep between runs."""
 
-import os
 import shutil
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from jgait.commands import programs_folder
 from jgait.commands.console import console, count, stop, visible
-
-
-def folder() -> Path:
-    """The folder of compiled programs."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "jgait" / "compiled"
 
 
 def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove the programs.")] = False) -> None:
@@ -20,12 +14,12 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove the progra
 
     Without them the next run of a command compiles again, which takes seconds. The folder stays below 1 GB.
     """
-    files = [path for path in folder().glob("*") if path.is_file()]
+    files = [path for path in programs_folder().glob("*") if path.is_file()]
     size = sum(path.stat().st_size for path in files) / 1e6
-    summary = f"{count(len(files), 'program', 'programs')}, {size:.1f} MB, in {visible(folder())}"
+    summary = f"{count(len(files), 'program', 'programs')}, {size:.1f} MB, in {visible(programs_folder())}"
     if clear:
         try:
-            shutil.rmtree(folder())
+            shutil.rmtree(programs_folder())
         except FileNotFoundError:
             pass
         except OSError as error:

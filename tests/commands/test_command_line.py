@@ -2,6 +2,9 @@
 
 import functools
 import json
+import os
+import subprocess
+import sys
 
 import jax
 import numpy as np
@@ -186,3 +189,19 @@ def test_the_cache_of_programs_is_shown_and_removed(tmp_path, monkeypatch):
     assert "removed 1 program" in run("cache", "--clear")[1]
     assert not kept.exists()
     assert run("cache", "--clear")[0] == 0
+
+
+def test_a_command_computes_in_float64_and_keeps_the_programs_of_jax(tmp_path):
+    called = """
+import jgait.cli
+def app():
+    import jax
+    print(jax.config.jax_enable_x64, jax.config.jax_platforms, jax.config.jax_compilation_cache_dir)
+jgait.cli.app = app
+jgait.cli.main()
+"""
+    bare = {name: value for name, value in os.environ.items() if not name.startswith(("JAX", "XLA"))}
+    said = subprocess.run(
+        [sys.executable, "-c", called], env=bare | {"XDG_CACHE_HOME": str(tmp_path)}, capture_output=True, text=True
+    )
+    assert said.stdout.split() == ["True", "cpu", str(tmp_path / "jgait" / "compiled")], said.stderr
