@@ -138,6 +138,9 @@ def main() -> None:
             raise
         print(f"jgait: {reason}", file=sys.stderr)
         raise SystemExit(2) from error
+    finally:  # from here on nothing is left to remove
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 if __name__ == "__main__":
