@@ -10,7 +10,7 @@ import json
 import math
 import textwrap
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, cast
 
 Severity = Literal["stop", "check", "corrected", "info"]
@@ -25,12 +25,7 @@ type Value = str | int | float | bool | tuple[str, ...] | Range
 
 
 def printable(text: str, most: int | None = None) -> str:
-    """A text in which control characters are written as their codes, and whose middle is left out if it is long.
-
-    Args:
-        text: any text, such as a name in a file.
-        most: largest number of characters; None: any number.
-    """
+    """A text with control characters as their codes, and at most `most` characters: the middle is left out."""
     if most is not None and len(text) > most:
         text = f"{text[: 2 * most // 3]} … {text[-(most // 3 - 3) :]}"
     if text.isprintable():
@@ -53,12 +48,10 @@ def brief(value: object, most: int = 90) -> str:
     shape = getattr(value, "shape", None)
     if isinstance(shape, tuple):
         large = shape and not (len(shape) == 1 and shape[0] <= 4 and hasattr(value, "tolist"))
-        kind = getattr(value, "dtype", type(value).__name__)
-        text = f"{kind}{list(shape)}" if large else str(value)
+        text = f"{getattr(value, 'dtype', type(value).__name__)}{list(shape)}" if large else str(value)
     elif isinstance(value, Mapping):
         entries = [f"{name}: {brief(each, 30)}" for name, each in list(value.items())[:most]]
-        shown = entries if sum(map(len, entries)) < most else map(str, value)
-        text = f"{{{', '.join(shown)}}}"
+        text = f"{{{', '.join(entries if sum(map(len, entries)) < most else map(str, value))}}}"
     elif isinstance(value, tuple) and hasattr(value, "_fields"):
         # a `repr` that no class wrote for itself: of NamedTuple, or of `record`
         generated = type(value).__repr__.__module__ in ("collections", __name__)
@@ -73,11 +66,10 @@ def brief(value: object, most: int = 90) -> str:
 
 def _fields(values: NamedTuple, most: int) -> list[str]:
     """The fields of a record that are not None, each with its value; with 0 characters, of plain numbers alone."""
-    known = {name: each for name, each in values._asdict().items() if each is not None}
     return [
         f"{name}={brief(each, most or 20)}" if most or isinstance(each, int | float | str) else name
-        for name, each in known.items()
-    ]
+        for name, each in values._asdict().items() if each is not None
+    ]  # fmt: skip
 
 
 def record[T: type](cls: T) -> T:
@@ -113,19 +105,13 @@ class Kind(NamedTuple):
     measure: str = ""  #: what alone a "stop" makes unusable, such as "joint angles"; empty: all results.
 
     def __call__(self, **values: object) -> "Note":
-        """The fact about one recording.
-
-        Args:
-            values: one value for every name in braces; NumPy scalars become Python scalars, sequences tuples of text.
-        """
+        """The fact about one recording, with a value for every name in braces; sequences become tuples of text."""
         return Note(self, {name: _plain(value) for name, value in values.items()})
 
     def note(self, sentence: str, /, **values: object) -> "Note":
         """The fact about one recording, of a kind whose notes have sentences of their own.
 
-        Args:
-            sentence: as `text`; without values, or with `placement` alone, it is taken as it is.
-            values: one value for every name in braces; `placement` alone stands before the sentence.
+        The sentence is as `text`; without values it is taken as it is, with `placement` alone behind the placement.
         """
         if not values.keys() - {"placement"}:
             sentence = "{placement}: " * len(values) + sentence.replace("{", "{{").replace("}", "}}")
@@ -136,28 +122,15 @@ class Kind(NamedTuple):
 class Note:
     """One fact about one recording or result; not a pytree (a NamedTuple would be one), so JAX treats it as one leaf.
 
-    Attributes:
-        kind: the kind of fact.
-        values: name → value, such as a placement or a number of samples.
+    `code`, `severity` and `meaning` are those of its kind.
     """
 
     kind: Kind
-    values: Mapping[str, Value]
+    values: Mapping[str, Value]  #: name → value, such as a placement or a number of samples.
 
-    @property
-    def code(self) -> str:
-        """The name of the fact for programs."""
-        return self.kind.code
-
-    @property
-    def severity(self) -> Severity:
-        """One of `SEVERITIES`."""
-        return self.kind.severity
-
-    @property
-    def meaning(self) -> str:
-        """What the fact means for the results."""
-        return self.kind.meaning
+    code = property(lambda self: self.kind.code)
+    severity = property(lambda self: self.kind.severity)
+    meaning = property(lambda self: self.kind.meaning)
 
     @property
     def text(self) -> str:
@@ -183,23 +156,20 @@ class Note:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, object]) -> "Note":
-        """The note that `to_dict` wrote, with the stored sentence, even if the kind's text has changed since.
-
-        Raises:
-            KeyError: if a part of the note is missing.
-        """
+        """The note that `to_dict` wrote, with the stored sentence; KeyError if a part of it is missing."""
         text = str(content["text"]).replace("{", "{{").replace("}", "}}")
-        severity = cast(Severity, content["severity"])
-        about = str(content["meaning"]), False, False, str(content.get("measure", ""))
-        kind = Kind(str(content["code"]), severity, text, *about)
+        kind = Kind(
+            str(content["code"]), cast(Severity, content["severity"]), text, str(content["meaning"]),
+            measure=str(content.get("measure", "")),
+        )  # fmt: skip
         return kind(**cast(Mapping[str, object], content["values"]))
 
 
 def grouped(notes: Iterable[Note]) -> list[Note]:
-    """Notes for people: notes that state the same of one sensor each become one note with the names of all of them.
+    """Notes for people: those that state the same of one sensor each become one, with the names of all sensors.
 
-    Numbers that differ become ranges, unless one sensor has several of the notes. Only notes whose sentence begins with
-    the sensor and a colon: in other sentences the sensor is the subject.
+    Numbers that differ become ranges, unless one sensor has several of the notes. Only sentences that begin with the
+    sensor and a colon are joined: in others the sensor is the subject.
     """
     groups: dict[object, list[Note]] = {}
     for note in notes:
@@ -214,11 +184,10 @@ def without_repeats(notes: Iterable[Note]) -> tuple[Note, ...]:
     once = dict.fromkeys(notes)
     explained = {(note.meaning, note.values.get("placement")) for note in once if not note.kind.counts}
     everywhere = {note.meaning for note in once if note.kind.of_all}
-
-    def repeats(note: Note) -> bool:
-        return note.meaning in everywhere or (note.meaning, note.values["placement"]) in explained
-
-    return tuple(note for note in once if not (note.kind.counts and repeats(note)))
+    return tuple(
+        note for note in once if not note.kind.counts
+        or not (note.meaning in everywhere or (note.meaning, note.values["placement"]) in explained)
+    )  # fmt: skip
 
 
 def gravest_first(notes: Iterable[Note]) -> tuple[Note, ...]:
@@ -242,7 +211,7 @@ def of_recordings(many: int, whole: int, singular: str = "", plural: str = "") -
 
 
 def listed(texts: Iterable[str], longest: int | None = None) -> str:
-    """The first two of several texts, and how many more there are; together with at most so many characters."""
+    """The first two of several texts, and how many more there are, in at most so many characters."""
     first, rest = (every := list(texts))[:2], len(every) - 2
     shown = [printable(text, longest and longest // len(first)) for text in first]
     return "; ".join([*shown, f"and {rest} more"] if rest > 0 else shown)
@@ -255,15 +224,14 @@ def _joined(same: list[Note]) -> list[Note]:
         return list(dict.fromkeys(same))
     if len(names) < len(same):
         equal: dict[str, list[Note]] = {}
-        for note in same:
+        for note in dict.fromkeys(same):
             equal.setdefault(str({**note.values, "placement": ""}), []).append(note)
-        return [line for group in equal.values() for line in _joined(list(dict.fromkeys(group)))]
+        return [line for group in equal.values() for line in _joined(group)]
     values: dict[str, Value] = {**same[0].values, "placement": names}
-    for name, value in same[0].values.items():
-        if _number(value):
-            every = [cast(float, note.values[name]) for note in same]
-            values[name] = value if min(every) == max(every) else Range(min(every), max(every))
-    return [replace(same[0], values=values)]
+    for name in filter(lambda name: _number(values[name]), same[0].values):
+        every = [cast(float, note.values[name]) for note in same]
+        values[name] = every[0] if min(every) == max(every) else Range(min(every), max(every))
+    return [Note(same[0].kind, values)]
 
 
 def _number(value: Value) -> bool:
@@ -315,11 +283,9 @@ def _plain(value: object) -> Value:
     """A value of a type that JSON can store; a sequence becomes a tuple of text."""
     if hasattr(value, "item"):
         return cast(Value, value.item())
-    if isinstance(value, str | bool | int | float):
-        return value
     if isinstance(value, list | tuple | set | dict):
         return tuple(map(str, value))
-    return str(value)
+    return value if isinstance(value, str | int | float) else str(value)
 
 
 # Meanings that several kinds share.

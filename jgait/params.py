@@ -33,11 +33,7 @@ class Transform(NamedTuple):
     per_subject: bool = False  #: whether each subject has a separate value, see `per_subject`.
 
 
-def _identity(value: Values) -> Values:
-    return value
-
-
-real = Transform("real", _identity, _identity)
+real = Transform("real", lambda value: value, lambda free: free)
 """Any real number."""
 
 positive = Transform("positive", jnp.log, jnp.exp, low=0.0)
@@ -51,19 +47,14 @@ fixed = Transform("fixed", None, None)
 def interval(low: float, high: float) -> Transform:
     """A range from `low` to `high`, both excluded; the free value is the logit of the relative position in it.
 
-    Raises:
-        ValueError: if `low` is not below `high`, or either is not finite.
+    Raises ValueError unless low < high, both finite.
     """
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ValueError(f"interval(low, high) needs finite low < high; got low={low!r}, high={high!r}")
-
-    def to_free(value: Values) -> Values:
-        return jnp.log((value - low) / (high - value))
-
-    def to_natural(free: Values) -> Values:
-        return low + (high - low) * jax.nn.sigmoid(free)
-
-    return Transform(f"interval({low:g}, {high:g})", to_free, to_natural, low, high)
+    return Transform(
+        f"interval({low:g}, {high:g})", lambda value: jnp.log((value - low) / (high - value)),
+        lambda free: low + (high - low) * jax.nn.sigmoid(free), low, high,
+    )  # fmt: skip
 
 
 def per_subject(transform: Transform) -> Transform:
@@ -102,11 +93,9 @@ def documented[C](of: type[C]) -> type[C]:
 
 
 def ranges[P](p: P) -> P:
-    """The declared transforms of parameters, in the same type.
+    """The declared transforms of parameters, in the same type; `p` are as a rule the default parameters.
 
-    Args:
-        p: NamedTuple of parameters, as a rule the default parameters. An inner tuple of parameters declares the ranges
-            of its fields; a tuple without declarations, such as a value for each leg, has the range of its field.
+    An inner tuple of parameters declares its own fields; another tuple, a value for each leg, has its field's range.
     """
     return _declarations(p, lambda parameter: parameter.transform)
 
@@ -132,11 +121,10 @@ def _declarations[P](p: P, part: Callable[[Parameter], PyTree]) -> P:
 
 def units(p: PyTree) -> dict[str, str]:
     """The declared unit of every parameter, by the parameter's name, such as "thigh_length.right"."""
-    by_name: dict[str, str] = {}
-    for name, parameter, value in _declared_in(p):
-        inner = [f"{name}.{field}" for field in value._fields] if isinstance(value, tuple) else [name]  # type: ignore[attr-defined]
-        by_name |= dict.fromkeys(inner, parameter.unit)
-    return by_name
+    return {
+        f"{name}.{field}".rstrip("."): parameter.unit
+        for name, parameter, value in _declared_in(p) for field in getattr(value, "_fields", ("",))
+    }  # fmt: skip
 
 
 def _declared_in(p: PyTree, before: str = "") -> Iterator[tuple[str, Parameter, PyTree]]:
@@ -171,8 +159,7 @@ def stated(p: PyTree) -> dict[str, Stated]:
 
     A parameter with a value for each leg is one entry, with the mean over the legs.
     """
-    by_name: dict[str, Stated] = {}
-    beside = {name: value for name, _, value in _declared_in(p)}
+    by_name, beside = dict[str, Stated](), {name: value for name, _, value in _declared_in(p)}
     for name, parameter, value in _declared_in(p):
         inner, _, last = name.rpartition(".")
         holds = ".".join(filter(None, (inner, parameter.stddev or f"{last}_sd")))
@@ -203,8 +190,7 @@ def normal(mean: float, stddev: float) -> Prior:
 def lognormal(median: float, factor: float) -> Prior:
     """A normal prior of the logarithm: with a probability of 68 % the value is in [median / factor, median · factor].
 
-    Raises:
-        ValueError: if `median` is not positive or `factor` not above 1.
+    Raises ValueError if `median` is not positive or `factor` not above 1.
     """
     if not (math.isfinite(median) and math.isfinite(factor) and median > 0.0 and factor > 1.0):
         raise ValueError(f"lognormal(median, factor) needs median > 0 and factor > 1; got {median!r}, {factor!r}")
@@ -223,11 +209,8 @@ def _pairs(params: PyTree, transforms: PyTree) -> tuple[list[str], list[PyTree],
     """Names, values and transforms in the same order; raises if `params` and `transforms` do not match."""
     treedef: PyTreeDef
     flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
-    if transforms is None:
-        raise TypeError("transforms must hold a Transform for every parameter, as jgait.params.ranges(p); got None")
-    if not all(_is_transform(t) for t in flat):
-        odd = next(t for t in flat if not _is_transform(t))
-        raise TypeError(f"transforms must hold a jgait.params.Transform for every parameter; got {odd!r}")
+    if odd := [None] if transforms is None else [t for t in flat if not _is_transform(t)]:
+        raise TypeError(f"transforms must hold a jgait.params.Transform for every parameter; got {odd[0]!r}")
     try:
         values = treedef.flatten_up_to(params)
     except (ValueError, TypeError) as error:
@@ -254,12 +237,11 @@ def freed[P](transforms: P, *free: str) -> P:
     Raises:
         ValueError: if no parameter has a given name; the message lists the known names.
     """
-    every = names(transforms)
-    wanted = {name: {known for known in every if known == name or known.startswith(f"{name}.")} for name in free}
-    unknown = [name for name, matches in wanted.items() if not matches]
-    if unknown:
-        raise ValueError(f"there is no parameter {unknown[0]!r}; there are {', '.join(every)}")
-    chosen = set[str]().union(*wanted.values())
+    every, chosen = names(transforms), set[str]()
+    for name in free:
+        if not (matches := {known for known in every if f"{known}.".startswith(f"{name}.")}):
+            raise ValueError(f"there is no parameter {name!r}; there are {', '.join(every)}")
+        chosen |= matches
     flat, treedef = jax.tree.flatten(transforms, is_leaf=_is_transform)
     return jax.tree.unflatten(treedef, [t if n in chosen else fixed for n, t in zip(every, flat, strict=True)])
 
@@ -267,10 +249,7 @@ def freed[P](transforms: P, *free: str) -> P:
 def check_params(params: PyTree, transforms: PyTree, usual: PyTree = None) -> None:
     """Raise if a concrete value lies outside its range, and name the parameter.
 
-    Args:
-        params: NamedTuple of values, natural units.
-        transforms: the same type, holding a `Transform` for each.
-        usual: parameters of one person, of which each has as many axes as those that are checked; None: not compared.
+    `usual` are parameters of one person, whose axes the values must have; None: not compared.
 
     Raises:
         TypeError: if the structures differ.

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ORDER = (
-    "version", "notes", "types", "params", "geometry", "signal", "filtering", "events", "mounting", "duty_cycle",
+    "notes", "types", "params", "geometry", "signal", "filtering", "events", "mounting", "duty_cycle",
     "quality", "estimators", "simulate", "tune", "evaluate", "io", "datasets", "plot", "report", "commands", "cli",
 )  # fmt: skip
 """Files and folders of `jgait`, lowest first: each imports only from those before it."""
@@ -36,14 +36,14 @@ def modules(root: Path) -> dict[str, Path]:
 
 
 def imports(root: Path) -> list[Import]:
-    """Every import inside the library: at the top of a file, inside functions, and for type checkers only."""
+    """Every import inside the library but that of its version: at the top, in functions, for type checkers only."""
     known = modules(root)
     found = set()
     for name, path in known.items():
         for line, module, attribute in _statements(name, path):
             inner = f"{module}.{attribute}"
             target = inner if inner in known else module
-            if target in known and target != name:
+            if target in known and target != name and attribute != "__version__":
                 found.add(Import(name, line, target))
     return sorted(found)
 

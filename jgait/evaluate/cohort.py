@@ -11,6 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import __version__
 from jgait.estimators.interface import Estimator
 from jgait.evaluate import scores
 from jgait.evaluate.buckets import CohortJob, Failed, checked_mesh, evaluated, tables
@@ -19,7 +20,6 @@ from jgait.evaluate.store import Cohort, Folder, joined
 from jgait.params import check_params
 from jgait.tune.dask import DIED, on_dask
 from jgait.types import Estimate, Recording, Walk
-from jgait.version import __version__
 
 if TYPE_CHECKING:
     from distributed import Client

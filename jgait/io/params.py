@@ -11,11 +11,11 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
+from jgait import __version__
 from jgait.io.atomic import write_text
 from jgait.io.files import check_regular, reading
 from jgait.params import Transform, positive, ranges, units
 from jgait.types import RecordingError
-from jgait.version import __version__
 
 FORMAT = 1
 

@@ -8,10 +8,9 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait import io
+from jgait import __version__, io
 from jgait.notes import Note, record
 from jgait.report.page import Cell, Table, significant
-from jgait.version import __version__
 
 
 @record

@@ -12,11 +12,11 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from jgait import __version__
 from jgait.io.atomic import write_text
 from jgait.notes import printable
 from jgait.plot.style import ready
 from jgait.types import Values
-from jgait.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.version import __version__
+from jgait import __version__
 
 UNKNOWN = " at an address"
 """Stands in `described` for the address of an object of which nothing but the type is known."""
