@@ -7,6 +7,7 @@ where they are concrete.
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -108,22 +109,17 @@ def _series(tree: Tree, length: int) -> list[Array]:
 
 def check_linear(given: Inputs) -> None:
     """Raise ValueError if a Jacobian of the model depends on the state; the message names the function."""
-    shape, model = given.shape, given.shape.model
-    control = shape.control.tuple([leaf[0] for leaf in given.controls])
-    dt = given.dt[0] if jnp.ndim(given.dt) else given.dt
-    functions: dict[str, Callable[[Array], list[Scalar]]] = {
-        "transition": lambda x: shape.transition(given.params, list(x), control, dt),
-        "observation": lambda x: shape.observation(given.params, list(x), control),
+    shape, leaves = given.shape, jax.tree.leaves(given.params)
+    control, dt = [leaf[0] for leaf in given.controls], given.dt[0] if jnp.ndim(given.dt) else given.dt
+    functions: dict[str, Callable[[list[Array]], list[Array]]] = {
+        "transition": partial(shape.transition, leaves, (control, dt)),
+        "observation": partial(shape.observation, leaves, control),
     }
+    x = [jnp.zeros((), shape.dtype)] * shape.state.size
     for field, function in functions.items():
-
-        def directional(x: Array, way: Array, function: Callable[[Array], list[Scalar]] = function) -> Array:
-            return jax.jvp(lambda x: jnp.stack(shape.arrays(function(x))), (x,), (way,))[1]
-
-        zero = jnp.zeros(shape.state.size, shape.dtype)
-        jaxpr = jax.make_jaxpr(directional)(zero, zero).jaxpr
-        if any(reached(jaxpr, {jaxpr.invars[0]})):
-            name = getattr(getattr(model, field), "__name__", "")
+        jaxpr = jax.make_jaxpr(lambda x, way, of=function: jax.jvp(of, (x,), (way,))[1])(x, x).jaxpr
+        if any(reached(jaxpr, {*jaxpr.invars[: len(x)]})):
+            name = getattr(getattr(shape.model, field), "__name__", "")
             named = field if name.lstrip("_") in ("", field) else f"{field} ({name})"
             raise ValueError(
                 f"the KF needs a linear model, but the Jacobian of {named} depends on the state; use EKF(), UKF() or "

@@ -23,6 +23,12 @@ type Rows = Array | Sequence[Float[Array, "B"]]
 
 type Matrices = Float[Array, "row column B"]
 
+type Leaves = Sequence[Array]
+"""Leaves of the parameters, or components of the control."""
+
+type Interval = tuple[Leaves, Scalar]
+"""The control that acts over an interval, and the length of the interval [s]."""
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -85,25 +91,29 @@ class Shape:
         every = self.arrays(self.observed.components(difference, self.dtype, "what residual returns"))
         return [every[i] for i in self.measured]
 
-    def transition(self, params: Tree, x: Sequence[Scalar], control: Tree, dt: Scalar) -> list[Scalar]:
-        """The components of the state after dt."""
-        after = self.model.transition(params, self.state.tuple(x), control, dt)
-        return self.state.components(after, self.dtype, "what transition returns")
+    def transition(self, params: Leaves, over: Interval, x: Sequence[Scalar]) -> list[Array]:
+        """The components of the state after an interval; `params` are the leaves of the parameters."""
+        p, control = self.params.unflatten(params), self.control.tuple(over[0])
+        after = self.model.transition(p, self.state.tuple(x), control, over[1])
+        return self.arrays(self.state.components(after, self.dtype, "what transition returns"))
 
-    def transition_noise(self, params: Tree, x: Sequence[Scalar], control: Tree, dt: Scalar) -> Entries:
+    def transition_noise(self, params: Leaves, over: Interval, x: Sequence[Scalar]) -> Entries:
         """Q."""
-        noise = self.model.transition_noise(params, self.state.tuple(x), control, dt)
+        p, control = self.params.unflatten(params), self.control.tuple(over[0])
+        noise = self.model.transition_noise(p, self.state.tuple(x), control, over[1])
         return self.noise(noise, self.error, "what transition_noise returns").entries()
 
-    def observation(self, params: Tree, x: Sequence[Scalar], control: Tree) -> list[Scalar]:
+    def observation(self, params: Leaves, control: Leaves, x: Sequence[Scalar]) -> list[Array]:
         """The components of the expected observation that are ever measured."""
-        expected = self.model.observation(params, self.state.tuple(x), control)
-        every = self.observed.components(expected, self.dtype, "what observation returns")
+        p = self.params.unflatten(params)
+        expected = self.model.observation(p, self.state.tuple(x), self.control.tuple(control))
+        every = self.arrays(self.observed.components(expected, self.dtype, "what observation returns"))
         return [every[i] for i in self.measured]
 
-    def observation_noise(self, params: Tree, x: Sequence[Scalar], control: Tree) -> Entries:
+    def observation_noise(self, params: Leaves, control: Leaves, x: Sequence[Scalar]) -> Entries:
         """R, of the components that are ever measured."""
-        noise = self.model.observation_noise(params, self.state.tuple(x), control)
+        p = self.params.unflatten(params)
+        noise = self.model.observation_noise(p, self.state.tuple(x), self.control.tuple(control))
         every = self.noise(noise, self.observed, "what observation_noise returns").entries()
         row = {place: i for i, place in enumerate(self.measured)}
         return {(row[i], row[j]): value for (i, j), value in every.items() if i in row and j in row}
@@ -172,40 +182,35 @@ class Linear:
     ) -> tuple[Matrices, Matrices, Float[Array, "k B"]]:
         """A, Q and x⁻ = f(x ⊕ δ); A is from errors about x, of mean δ, to errors about x⁻."""
         shape, places = self.shape, list[Places]()
-        x, delta, control = list(x), list(delta)[: self.size], list(control)
+        x, delta, interval = list(x), list(delta)[: self.size], (list(control), dt)
 
-        def moved(params: list[Array], given: tuple[list[Array], Array], x: list[Array]) -> list[Array]:
-            p, u = self._unpacked(params, given[0])
-            return shape.arrays(shape.transition(p, x, u, given[1]))
-
-        def noise(params: list[Array], x: list[Array], u: list[Array], dt: Array) -> list[Array]:
-            p, control = self._unpacked(params, u)
-            return distinct(shape.transition_noise(p, x, control, dt), places, shape)
+        def noise(params: list[Array], over: Interval, x: list[Array]) -> list[Array]:
+            return distinct(shape.transition_noise(params, over, x), places, shape)
 
         if isinstance(method := self.method, UKF | CKF):
 
             def sigma(
-                params: list[Array], x: list[Array], delta: list[Array], P: Array, u: list[Array], dt: Array
+                params: list[Array], over: Interval, x: list[Array], delta: list[Array], P: Array
             ) -> tuple[Array, Array, list[Array], list[Array]]:
                 before, turned = shape.retract(x, delta), shape.turn(x, jnp.stack(delta))
-                after = moved(params, (u, dt), before)
+                after = shape.transition(params, over, before)
 
                 def g(e: Array) -> Array:
-                    return jnp.stack(shape.local(after, moved(params, (u, dt), shape.retract(before, list(e)))))
+                    return jnp.stack(shape.local(after, shape.transition(params, over, shape.retract(before, list(e)))))
 
                 value, A, spread = regression(method, g, jnp.zeros_like(P[0]), turned @ P @ turned.T)
                 turn = shape.turn(after, value)  # errors are about x⁻, which the value moves
                 return turn @ A @ turned, turn @ spread @ turn.T, before, shape.retract(after, list(value))
 
-            A, spread, before, after = self.over(sigma, x, delta, P, control, dt)
-            Q = spread + self._matrix(self.over(noise, before, control, dt), places, self.size)
+            A, spread, before, after = self.over(sigma, interval, x, delta, P)
+            Q = spread + self._matrix(self.over(noise, interval, before), places, self.size)
             return A, Q, jnp.stack(after)
         before, columns = self.pushed(self._near, x, delta, self.directions)
-        after, along = jax.linearize(self._about(moved, (control, dt)), before)
+        after, along = jax.linearize(self._about(shape.transition, interval), before)
         after, columns = [held(v) for v in after], jax.vmap(along)(columns)
         if shape.curved:
             _, columns = self.pushed(lambda _, after, x: shape.local(after, x), after, after, columns)
-        Q = self._matrix(self.over(noise, before, control, dt), places, self.width)
+        Q = self._matrix(self.over(noise, interval, before), places, self.width)
         return jnp.pad(jnp.stack(columns), ((0, self.width - self.size), (0, 0), (0, 0))), Q, jnp.stack(after)
 
     def observation(
@@ -218,17 +223,10 @@ class Linear:
         shape, places = self.shape, list[Places]()
         x, control, measured, visible = map(list, (x, control, measured, visible))
 
-        def shown(params: list[Array], u: list[Array], x: list[Array]) -> list[Array]:
-            p, control = self._unpacked(params, u)
-            return shape.arrays(shape.observation(p, x, control))
-
-        def rest(
-            params: list[Array], x: list[Array], u: list[Array], measured: list[Array], visible: list[Array],
-            expected: list[Array],
-        ) -> tuple[list[Array], list[Array]]:  # fmt: skip
+        def rest(params: list[Array], u: list[Array], *given: list[Array]) -> tuple[list[Array], list[Array]]:
+            x, measured, visible, expected = given
             filled = [jnp.where(s, y, e) for s, y, e in zip(visible, measured, expected, strict=True)]
-            p, control = self._unpacked(params, u)
-            R = distinct(shape.observation_noise(p, x, control), places, shape)
+            R = distinct(shape.observation_noise(params, u, x), places, shape)
             return shape.residual(filled, expected), R
 
         about = [jnp.zeros_like(x[0])] * self.size if at is None else list(at)[: self.size]
@@ -237,27 +235,28 @@ class Linear:
         if isinstance(method := self.method, UKF | CKF):
 
             def sigma(
-                params: list[Array], x: list[Array], at: list[Array], P: Array, u: list[Array]
+                params: list[Array], u: list[Array], x: list[Array], at: list[Array], P: Array
             ) -> tuple[Array, list[Array], Array, Array]:
-                expected = shown(params, u, shape.retract(x, at))
+                expected = shape.observation(params, u, shape.retract(x, at))
 
                 def g(e: Array) -> Array:
                     # The difference from the prediction at `at` keeps wrapped angles small.
-                    return jnp.stack(shape.residual(shown(params, u, shape.retract(x, list(e))), expected))
+                    shown = shape.observation(params, u, shape.retract(x, list(e)))
+                    return jnp.stack(shape.residual(shown, expected))
 
                 value, H, spread = regression(method, g, jnp.stack(at), P)
                 return H, expected, value, spread
 
-            H, expected, shift, spread = self.over(sigma, x, about, P, control)
+            H, expected, shift, spread = self.over(sigma, control, x, about, P)
         else:
             place, columns = x, self.directions
             if at is not None or shape.curved:
                 place, columns = self.pushed(self._near, x, about, columns)
-            expected, columns = self.pushed(shown, control, x if at is None else place, columns)
+            expected, columns = self.pushed(shape.observation, control, x if at is None else place, columns)
             if shape.model.residual is not None:
                 _, columns = self.pushed(lambda _, h, y: shape.residual(y, h), expected, expected, columns)
             H = jnp.stack(columns)
-        innovation, noise = self.over(rest, x, control, measured, visible, expected)
+        innovation, noise = self.over(rest, control, x, measured, visible, expected)
         e, R = jnp.stack(innovation) - shift, self._matrix(noise, places, len(shape.measured)) + spread
         here = jnp.stack(visible)
         unit = jnp.eye(len(here), dtype=shape.dtype)[:, :, None]
@@ -266,10 +265,6 @@ class Linear:
 
     def _near(self, _: list[Array], x: list[Array], d: list[Array]) -> list[Array]:
         return self.shape.retract(x, d)
-
-    def _unpacked(self, params: list[Array], control: list[Array]) -> tuple[Tree, Tree]:
-        """Parameters and control as the model's functions take them."""
-        return self.shape.params.unflatten(params), self.shape.control.tuple(control)
 
     def _matrix(self, values: Sequence[Float[Array, "B"]], places: Sequence[Places], size: int) -> Matrices:
         """The symmetric matrices that have each value at its places, and zeros."""

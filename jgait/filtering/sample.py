@@ -6,7 +6,7 @@ from jax import lax
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Tree
-from jgait.filtering.inputs import common_dtype, shape_of
+from jgait.filtering.inputs import common_dtype, in_dtype, shape_of
 from jgait.filtering.model import Model
 
 
@@ -36,7 +36,7 @@ def draw(
     dtype = common_dtype(params, belief.mean, controls)
     observed = Layout.of(model.observation(params, belief.mean, first))
     shape = shape_of(model, params, controls, belief.mean, observed, dtype)
-    state = shape.state
+    state, leaves = shape.state, jax.tree.leaves(in_dtype(params, dtype))
 
     def shocks(entries: Entries, layout: Layout, normal: Array) -> Array:
         """A draw with a covariance, which may be singular, from independent normal numbers (n,)."""
@@ -45,11 +45,11 @@ def draw(
 
     def body(x: Array, sample: tuple[Array, Array, Tree, Array]) -> tuple[Array, tuple[Array, Array]]:
         shock, error, control, step = sample
-        noise = shape.transition_noise(params, list(x), control, step)
-        after = shape.arrays(shape.transition(params, list(x), control, step))
-        now = shape.retract(after, list(shocks(noise, shape.error, shock)))
-        reading = jnp.stack(shape.arrays(shape.observation(params, now, control)))
-        reading = reading + shocks(shape.observation_noise(params, now, control), observed, error)
+        u = shape.arrays(shape.control.components(control, dtype, "the control"))
+        noise = shape.transition_noise(leaves, (u, step), list(x))
+        now = shape.retract(shape.transition(leaves, (u, step), list(x)), list(shocks(noise, shape.error, shock)))
+        reading = jnp.stack(shape.observation(leaves, u, now))
+        reading = reading + shocks(shape.observation_noise(leaves, u, now), observed, error)
         return jnp.stack(now), (jnp.stack(now), reading)
 
     begin, process, sensing = jax.random.split(key, 3)

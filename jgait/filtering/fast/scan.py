@@ -80,9 +80,7 @@ def forward(
     def body(carry: Carry, leaves: list[Array]) -> tuple[Carry, tuple[dict[str, Any], list[Array]]]:
         measured, controls, dt, visible = at_sample(leaves)
         before = Components(carry[0], from_upper(carry[1], size))
-        fields, A, g = advanced(
-            shape, given.params, before, Reading(measured, shape.control.tuple(controls), dt, visible)
-        )
+        fields, A, g = advanced(shape, jax.tree.leaves(given.params), before, Reading(measured, controls, dt, visible))
         linear: list[Array] = []
         if smooth:
             gain, z = product(transposed(g.white_cross), g.inverse), [dot(c, g.white) for c in transposed(g.inverse)]

@@ -13,9 +13,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.typing import DTypeLike
-from jaxtyping import Array, PyTree
+from jaxtyping import Array
 
-from jgait.filtering.covariance import Entries, Scalar, Tree
+from jgait.filtering.covariance import Entries, Scalar
 from jgait.filtering.fast.components import (
     Flag,
     Matrix,
@@ -37,7 +37,7 @@ from jgait.filtering.fast.components import (
     where,
 )
 from jgait.filtering.fast.tracing import Expansion
-from jgait.filtering.linear import Shape
+from jgait.filtering.linear import Leaves, Shape
 
 LOG_2PI = math.log(2.0 * math.pi)
 
@@ -53,7 +53,7 @@ class Reading(NamedTuple):
     """One sample."""
 
     measured: list[Scalar]  #: observation (m scalars).
-    control: PyTree  #: control tuple, or None.
+    control: list[Array]  #: components of the control.
     dt: Scalar  #: interval [s].
     visible: list[Flag]  #: which components are measured (m bools; True without a mask).
 
@@ -79,7 +79,7 @@ def triangle(entries: Entries, size: int, dtype: DTypeLike) -> list[Scalar]:
     return [float(v) if isinstance(v, int | float) else jnp.asarray(v, dtype) for v in values]
 
 
-def advanced(shape: Shape, params: Tree, before: Components, sample: Reading) -> tuple[dict[str, Any], Matrix, Gains]:
+def advanced(shape: Shape, params: Leaves, before: Components, sample: Reading) -> tuple[dict[str, Any], Matrix, Gains]:
     """Predict, then update: fields of `Posterior` (covariances as upper triangles), A, and the terms of the update."""
     prior, matrix, health = predicted(shape, params, before, sample)
     g = gains(shape, params, prior, sample)
@@ -101,7 +101,7 @@ def advanced(shape: Shape, params: Tree, before: Components, sample: Reading) ->
     return fields, matrix, g
 
 
-def predicted(shape: Shape, params: Tree, before: Components, sample: Reading) -> tuple[Components, Matrix, Scalar]:
+def predicted(shape: Shape, params: Leaves, before: Components, sample: Reading) -> tuple[Components, Matrix, Scalar]:
     """The prediction, A, and a float that is finite where the transition was.
 
     The transition is linearised at the mean; where it is not finite, the identity without noise replaces it.
@@ -109,8 +109,8 @@ def predicted(shape: Shape, params: Tree, before: Components, sample: Reading) -
     x, size = before.mean, len(before.cov)
     control, dt = sample.control, sample.dt
     trace = Expansion(shape.dtype)
-    moved, slopes = trace.jacobian(lambda x: shape.transition(params, x, control, dt), x)
-    entries = trace.call(lambda x: triangle(shape.transition_noise(params, x, control, dt), size, shape.dtype), x)
+    moved, slopes = trace.jacobian(lambda x: shape.transition(params, (control, dt), x), x)
+    entries = trace.call(lambda x: triangle(shape.transition_noise(params, (control, dt), x), size, shape.dtype), x)
     safe = {id(value) for value in (*x, dt)}
     health = barred(plus(_summary((*moved, *(e for row in slopes for e in row)), safe), _summary(entries)))
     good = sound(health)
@@ -127,13 +127,13 @@ def _summary(values: Sequence[Scalar], safe: Set[int] = frozenset()) -> Scalar:
     return total({id(value): value for value in values if not known(value) and id(value) not in safe}.values())
 
 
-def gains(shape: Shape, params: Tree, prior: Components, sample: Reading) -> Gains:
+def gains(shape: Shape, params: Leaves, prior: Components, sample: Reading) -> Gains:
     """Linearise the observation at the prediction, and factor the innovation's covariance."""
     visible, count = sample.visible, len(sample.measured)
     expected, matrix, innovation = _linearised(shape, params, prior, sample)
     trace = Expansion(shape.dtype)
     entries = trace.call(
-        lambda x: triangle(shape.observation_noise(params, x, sample.control), count, shape.dtype),
+        lambda x: triangle(shape.observation_noise(params, sample.control, x), count, shape.dtype),
         prior.mean,
     )
     # What is not seen tells nothing, even where it is not finite.
@@ -165,20 +165,20 @@ def _masked(visible: list[Flag], rows: Matrix) -> Matrix:
 
 
 def _linearised(
-    shape: Shape, params: Tree, prior: Components, sample: Reading
+    shape: Shape, params: Leaves, prior: Components, sample: Reading
 ) -> tuple[list[Scalar], Matrix, list[Scalar]]:
     """The expected observation at the prediction, its Jacobian, and the innovation."""
     control, x = sample.control, prior.mean
     trace = Expansion(shape.dtype)
     if shape.model.residual is None:
-        expected, matrix = trace.jacobian(lambda x: shape.observation(params, x, control), x)
+        expected, matrix = trace.jacobian(lambda x: shape.observation(params, control, x), x)
         return expected, matrix, [minus(y, e) for y, e in zip(sample.measured, expected, strict=True)]
-    expected = trace.call(lambda x: shape.observation(params, x, control), x)
+    expected = trace.call(lambda x: shape.observation(params, control, x), x)
 
     def shift(shown: list[Scalar], reference: list[Scalar]) -> list[Array]:
         return shape.residual(shape.arrays(shown), shape.arrays(reference))
 
-    matrix = trace.jacobian(lambda x: shift(shape.observation(params, x, control), expected), x)[1]
+    matrix = trace.jacobian(lambda x: shift(shape.observation(params, control, x), expected), x)[1]
     measured = [where(s, y, e) for s, y, e in zip(sample.visible, sample.measured, expected, strict=True)]
     return expected, matrix, trace.call(shift, measured, expected)
 

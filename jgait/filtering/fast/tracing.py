@@ -70,7 +70,8 @@ class Expansion:
 
     def _run(self, closed: Any, arguments: Sequence[ArrayLike]) -> list[Any]:
         jaxpr = closed.jaxpr
-        values = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*closed.consts, *arguments], strict=True))
+        constants = map(_constant, closed.consts)
+        values = dict(zip([*jaxpr.constvars, *jaxpr.invars], [*constants, *arguments], strict=True))
 
         def read(variable: Var | Literal) -> ArrayLike:
             return _constant(variable.val) if isinstance(variable, Literal) else values[variable]
