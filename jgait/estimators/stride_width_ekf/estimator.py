@@ -7,8 +7,8 @@ from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.interface import Estimator, Prepared, with_measures
 from jgait.estimators.programs import compiled
-from jgait.estimators.stride_width_ekf import model as stride_width_model
-from jgait.estimators.stride_width_ekf import readout as stride_width_readout
+from jgait.estimators.stride_width_ekf import model as width_model
+from jgait.estimators.stride_width_ekf import readout as width_readout
 from jgait.estimators.stride_width_ekf.about import ABOUT
 from jgait.estimators.stride_width_ekf.from_sensors import feet_of, measured_only, merged
 from jgait.estimators.stride_width_ekf.inputs import WidthInputs
@@ -16,31 +16,21 @@ from jgait.estimators.stride_width_ekf.model import WidthControl, WidthModelPara
 from jgait.estimators.stride_width_ekf.notes import RANGES_MISFIT
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions, WidthParams
 from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
-from jgait.filtering import Belief, Covariance, Model
+from jgait.filtering import Model
 from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, Measures, Recording, Values
-
-MISFIT = 2.0
-"""[standard deviations] Innovation across or along above which a range does not fit the paths of the feet."""
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Measures, Recording
 
 MOST_MISFITS = 0.3
 """[1] Share of misfits above which no width is valid; 5 % are expected. Chosen: simulated walks of ten gaits, and a
 recorded one with distances between markers, have fewer; ranges of which half are far too short, and ranges that are
-read at any moment, have more."""
+read at any moment, have more. The innovation of a misfit is above two standard deviations, across or along."""
 
 
 def model_params(p: WidthParams) -> WidthModelParams:
     """The model's parameters: variances."""
-    return WidthModelParams(
-        p.position_noise**2, p.heading_noise**2, p.turn_noise**2, p.range_noise**2, p.passing_noise**2
-    )
-
-
-def prior_of(p: WidthParams, inputs: WidthInputs) -> Belief:
-    """The belief before the first moment: feet side by side, first strides with the given headings."""
-    right, left = inputs.start_heading[0], inputs.start_heading[1]
-    return stride_width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
+    names = ("position", "heading", "turn", "range", "passing")
+    return WidthModelParams(*(getattr(p, f"{name}_noise") ** 2 for name in names))
 
 
 def _states(p: WidthParams, inputs: WidthInputs, options: WidthOptions, model: Model) -> filtering.Inferred:
@@ -48,23 +38,18 @@ def _states(p: WidthParams, inputs: WidthInputs, options: WidthOptions, model: M
     across = jnp.where(inputs.usual, usual, inputs.distance + p.range_offset)
     params = model_params(p)
     params = params._replace(range_noise=jnp.where(inputs.usual, p.usual_noise**2, params.range_noise))
+    right, left = inputs.start_heading[0], inputs.start_heading[1]
+    prior = width_model.start_belief(right, left, p.start_width, p.start_across, p.start_along, p.start_heading)
     return filtering.infer(
         model, params, WidthObservation(across, jnp.zeros_like(across) + p.passing_offset),
         smooth=options.smooth, dt=1.0, controls=WidthControl(inputs.right, inputs.left),
-        mask=inputs.range_measured & inputs.valid, method=options.method, initial=prior_of(p, inputs),
+        mask=inputs.range_measured & inputs.valid, method=options.method, initial=prior,
         keep=(*filtering.SUMMARY, "innovation", "innovation_stddev"),
     )  # fmt: skip
 
 
-def _misfits(inferred: filtering.Inferred) -> Values:
-    """Number of ranges with an innovation above `MISFIT`, across or along, whichever is larger."""
-    filtered = inferred.filtered  # where masked, innovations are 0 and their deviations 1
-    pairs = zip(filtered.innovation, filtered.innovation_stddev, strict=True)
-    return xp.max(xp.stack([xp.sum(xp.abs(innovation) > MISFIT * stddev) for innovation, stddev in pairs]))
-
-
 def run(
-    p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT, model: Model = stride_width_model.MODEL
+    p: WidthParams, inputs: WidthInputs, options: WidthOptions = DEFAULT, model: Model = width_model.MODEL
 ) -> Estimate:
     """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options; `model` replaces that of the
     feet.
@@ -73,20 +58,23 @@ def run(
         Estimate at N moments, with `strides`, `strides_stddev` (fields (N,), padded) and `feet` (positions in one world
         frame, heights of `inputs`; no velocity, no attitude). `diagnostics`: `z1`, `z2`, `z1_stddev`, `z2_stddev` (N,)
         [m], at `double_support` (N,) the base of support; `width_valid` (N,), by stride; number of `ranges` used,
-        and of `misfits` among them, see `MISFIT`; `log_likelihood` of the innovations and their mean normalised square
+        and of `misfits` among them; `log_likelihood` of the innovations and their mean normalised square
         `nis`.
     """
     inferred = compiled(_states)(p, inputs, options=options, model=model)
     mean, cov = inferred.mean, inferred.cov
-    used, misfits = xp.sum(inputs.range_measured & inputs.valid & ~inputs.usual), _misfits(inferred)
+    used = xp.sum(inputs.range_measured & inputs.valid & ~inputs.usual)
+    # where masked, innovations are 0 and their deviations 1
+    pairs = zip(inferred.filtered.innovation, inferred.filtered.innovation_stddev, strict=True)
+    misfits = xp.max(xp.stack([xp.sum(xp.abs(innovation) > 2.0 * stddev) for innovation, stddev in pairs]))
     offset_noise = xp.where(inputs.usual, p.people_noise, p.offset_noise).astype(mean.x_right.dtype)
     p = p._replace(offset_noise=offset_noise)
-    values, spread = stride_width_readout.strides(p, inputs.strides, mean, cov)
+    values, spread = width_readout.strides(p, inputs.strides, mean, cov)
     dtype = values.width.dtype
     fits = misfits.astype(dtype) <= xp.maximum(MOST_MISFITS * used.astype(dtype), 1.0)
     fits |= inputs.usual
     diagnostics = {
-        **stride_width_readout.distances(p, mean, cov),
+        **width_readout.distances(p, mean, cov),
         "double_support": inputs.double_support,
         "turning": inputs.turning,
         "width_valid": fits & xp.isfinite(values.width) & (spread.width <= options.widest_stddev),
@@ -95,36 +83,23 @@ def run(
         "log_likelihood": inferred.log_likelihood,
         "nis": inferred.nis,
     }
-    level = xp.zeros_like(inputs.height_right)
-    feet = Feet(
-        _track(mean.x_right, mean.y_right, inputs.height_right),
-        _track(mean.x_right + mean.apart_x, mean.y_right + mean.apart_y, inputs.height_left),
-    )
-    stddev = Feet(
-        _track(root(cov["x_right", "x_right"]), root(cov["y_right", "y_right"]), level),
-        _track(root(_of_sum(cov, "x_right", "apart_x")), root(_of_sum(cov, "y_right", "apart_y")), level),
-    )
+    right, level = (mean.x_right, mean.y_right), xp.zeros_like(inputs.height_right)
+    left = (mean.x_right + mean.apart_x, mean.y_right + mean.apart_y)
+    spread_right = [root(cov[f"{axis}_right", f"{axis}_right"]) for axis in "xy"]
+    spread_left = [
+        root(cov[a, a] + 2.0 * cov[a, b] + cov[b, b]) for a, b in (("x_right", "apart_x"), ("y_right", "apart_y"))
+    ]
+    placed = (*right, inputs.height_right), (*left, inputs.height_left), (*spread_right, level), (*spread_left, level)
+    tracks = [FootTrajectory(xp.stack(parts, axis=1), None, None) for parts in placed]
     valid = inputs.valid & inferred.filtered.valid
     return Estimate(
-        inputs.time, Legs(None, None), None, None, valid, diagnostics, values, feet, stddev, spread
+        inputs.time, Legs(None, None), None, None, valid, diagnostics, values, Feet(*tracks[:2]), Feet(*tracks[2:]),
+        spread,
     )  # fmt: skip
 
 
-def _track(x: Values, y: Values, height: Values) -> FootTrajectory:
-    """Position of a foot, without velocity and orientation."""
-    return FootTrajectory(xp.stack([x, y, height], axis=1), None, None)
-
-
-def _of_sum(cov: Covariance, a: str, b: str) -> Values:
-    """Variance of the sum of two components."""
-    total: Values = cov[a, a] + 2.0 * cov[a, b] + cov[b, b]
-    return total
-
-
 def with_body(p: WidthParams, body: Measures) -> WidthParams:
-    """The parameters with the "range_offset" and "passing_offset" [m] of a person, as far as known. Raises ValueError
-    if `body` contains another name.
-    """
+    """The parameters with a person's "range_offset" and "passing_offset" [m], if known; ValueError for other names."""
     return with_measures("the stride width estimator", ("range_offset", "passing_offset"), p, body)
 
 

@@ -49,13 +49,22 @@ def merged(alone: Estimate, stances: tuple[np.ndarray, np.ndarray], together: Es
     stride by stride; its strides get width and step length, its diagnostics are joined.
     """
     feet = Feet(*(_placed(alone, side, mids, together) for side, mids in zip(SIDES, stances, strict=True)))
-    strides, spread, matches = _strides(alone, together)
+    matches = _matches(alone.strides, together.strides)
+
+    def with_widths(table: Strides, other: Strides) -> Strides:
+        # a stride without a row of the filter takes what is behind the last one
+        width, step = (np.append(as_float(column), np.nan)[matches] for column in (other.width, other.step_length))
+        return table._replace(width=width, step_length=step)
+
     trusted = np.append(np.asarray(together.diagnostics["width_valid"], bool), False)[matches]
-    trusted &= ~_at_doubtful_footholds(strides, alone.diagnostics["doubtful"])
+    trusted &= ~_at_doubtful_footholds(alone.strides, alone.diagnostics["doubtful"])
     diagnostics = {
         **alone.diagnostics, **together.diagnostics, "moment_time": np.asarray(together.time), "width_valid": trusted,
     }  # fmt: skip
-    return alone._replace(feet=feet, strides=strides, strides_stddev=spread, diagnostics=diagnostics)
+    return alone._replace(
+        feet=feet, strides=with_widths(alone.strides, together.strides),
+        strides_stddev=with_widths(alone.strides_stddev, together.strides_stddev), diagnostics=diagnostics,
+    )  # fmt: skip
 
 
 def _placed(alone: Estimate, side: str, mids: np.ndarray, together: Estimate) -> FootTrajectory:
@@ -65,44 +74,33 @@ def _placed(alone: Estimate, side: str, mids: np.ndarray, together: Estimate) ->
     trajectory, common = getattr(alone.feet, side), getattr(together.feet, side).position
     time, position = alone.time, np.array(trajectory.position, np.float64)
     velocity, orientation = (np.array(part, np.float64) for part in (trajectory.velocity, trajectory.orientation))
-    place = np.stack([np.interp(time[mids], together.time, common[:, axis]) for axis in (0, 1)], axis=1)
-    here = position[mids, 0] + 1j * position[mids, 1]
-    there = place[:, 0] + 1j * place[:, 1]
+    here = position[:, 0] + 1j * position[:, 1]
+    there = np.interp(time[mids], together.time, common[:, 0]) + 1j * np.interp(time[mids], together.time, common[:, 1])
     factor = np.ones(max(len(mids) - 1, 1), complex)
-    for k, (way, wanted) in enumerate(zip(np.diff(here), np.diff(there), strict=True)):
-        # a short displacement has no reliable direction: use the rotation of the previous stride
+    for k, (way, wanted) in enumerate(zip(np.diff(here[mids]), np.diff(there), strict=True)):
+        # a displacement below 0.15 m has no reliable direction: use the rotation of the previous stride
         factor[k] = wanted / way if abs(way) > 0.15 and abs(wanted) > 0.15 else (factor[k - 1] if k else 1.0)
     stride = np.clip(np.searchsorted(mids, np.arange(len(time)), side="right") - 1, 0, len(factor) - 1)
-    placed = there[stride] + (position[:, 0] + 1j * position[:, 1] - here[stride]) * factor[stride]
+    placed = there[stride] + (here - here[mids][stride]) * factor[stride]
     turn = np.angle(factor)[stride]
     position = np.stack([placed.real, placed.imag, position[:, 2]], axis=1)
     return FootTrajectory(position, turned(velocity, turn), yawed(orientation, turn))
 
 
-def _strides(alone: Estimate, together: Estimate) -> tuple[Strides, Strides, np.ndarray]:
-    """Strides with the filter's width and step length, standard deviations, and rows of the filter, −1 for none."""
-    ours, theirs = alone.strides, together.strides
-    matches = np.full(len(ours.side), -1)
-    for side in (0, 1):
-        rows = np.flatnonzero(ours.side == side)
-        index = np.flatnonzero((np.asarray(theirs.side) == side) & np.asarray(theirs.valid))
-        starts, ends = (np.asarray(part)[index] for part in (theirs.standing, theirs.standing_end))
-        for row, middle in zip(rows, 0.5 * (ours.standing + ours.standing_end)[rows], strict=True):
-            matches[row] = max(index[(starts < middle) & (middle < ends)], default=-1)
-
-    def with_widths(table: Strides, other: Strides) -> Strides:
-        # a stride without a row of the filter takes what is behind the last one
-        width, step = (np.append(as_float(column), np.nan)[matches] for column in (other.width, other.step_length))
-        return table._replace(width=width, step_length=step)
-
-    return with_widths(ours, theirs), with_widths(alone.strides_stddev, together.strides_stddev), matches
+def _matches(ours: Strides, theirs: Strides) -> np.ndarray:
+    """(n,) row of the filter for each stride, −1 for none."""
+    middle, side = 0.5 * (as_float(ours.standing) + as_float(ours.standing_end)), np.asarray(ours.side)
+    inside = (as_float(theirs.standing) < middle[:, None]) & (middle[:, None] < as_float(theirs.standing_end))
+    inside &= (side[:, None] == np.asarray(theirs.side)) & np.asarray(theirs.valid, bool)
+    return np.max(np.where(inside, np.arange(inside.shape[1]), -1), axis=1, initial=-1)
 
 
 def _at_doubtful_footholds(strides: Strides, doubtful: Flags) -> np.ndarray:
     """(n,) bool, strides that begin or end at a foothold of a doubtful stride, or pass one of the other foot."""
-    side, begin, end = (np.asarray(column) for column in (strides.side, strides.standing, strides.standing_end))
+    side, begin, end = (
+        np.asarray(column)[:, None] for column in (strides.side, strides.standing, strides.standing_end)
+    )
     rows = np.flatnonzero(doubtful)
-    of_side, places = np.repeat(side[rows], 2), np.stack([begin[rows], end[rows]], axis=1).ravel()
-    same = (begin[:, None] == places) | (end[:, None] == places)
-    passed = (begin[:, None] < places) & (places < end[:, None])
-    return np.where(side[:, None] == of_side, same, passed).any(axis=1)
+    places = np.concatenate([begin[rows, 0], end[rows, 0]])
+    same, passed = (begin == places) | (end == places), (begin < places) & (places < end)
+    return np.where(side == np.tile(side[rows, 0], 2), same, passed).any(axis=1)

@@ -27,9 +27,6 @@ from jaxtyping import Array
 from jgait.filtering import Belief, Covariance, Model
 from jgait.types import SIDES, Flags, Values
 
-LOST_TURN = 0.25
-"""[rad²] Largest variance that a loss adds to a foot's heading; below it, it is that of the movement [m²]."""
-
 
 class WidthState(NamedTuple):
     """Equation 1 with the left foot's place from the right one, and displacement of each foot since its last stance;
@@ -103,7 +100,7 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
 
 def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> Covariance:
     """V R Vᵀ of equation 4: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride. While samples
-    are lost, the heading is not known either.
+    are lost, the heading is not known either, by the variance of the movement [m²] up to 0.25 rad².
     """
 
     def moved(errors: Array) -> Array:
@@ -118,7 +115,7 @@ def transition_noise(params: WidthModelParams, state: WidthState, control: Width
         shift = params.position_noise * foot.way + foot.lost
         variances += [shift, shift, foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)]
     V = jax.jacfwd(moved)(jnp.zeros(6, state.heading_right.dtype))
-    lost = {f"heading_{side}": jnp.minimum(foot.lost, LOST_TURN) for side, foot in zip(SIDES, control, strict=True)}
+    lost = {f"heading_{side}": jnp.minimum(foot.lost, 0.25) for side, foot in zip(SIDES, control, strict=True)}
     more = jnp.stack([lost.get(name, jnp.zeros_like(V[0, 0])) for name in WidthState._fields])
     Q = jnp.sum(V[:, None] * V[None] * jnp.stack(variances)[None, None], axis=2)
     return Covariance.from_dense(Q + jnp.diag(more), state)

@@ -4,6 +4,7 @@ This module selects the ranges and detects turns. It has no gradient; `stride_wi
 inputs.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,10 +20,11 @@ from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, chec
 from jgait.notes import Note
 from jgait.types import Feet, RangeReadings, RecordingError, Values
 
-HALF_PASSING = 0.12  # s; readings closer than this to each other, or to the shortest one, belong to one passing
-NEARLY = 0.1  # m; readings up to this much above the shortest belong to its passing
-COMES_AND_GOES = 0.06  # m; readings with a larger spread include the approach and departure of the foot
-LOST_SPEED = 1.0  # m/s; standard deviation of a foot's mean velocity in a gap of its trajectory
+HALF_PASSING = 0.12
+"""[s] Readings closer than this to each other, or to the shortest one, belong to one passing of the feet."""
+
+NEARLY = 0.1
+"""[m] Readings up to this much above the shortest belong to its passing."""
 
 
 def prepare_from_feet(
@@ -89,8 +91,11 @@ def _usable(
     """Times [s] and distances [m] of the usable ranges, one for each passing of the feet; notes."""
     from scipy.ndimage import median_filter
 
+    def none(why: str) -> tuple[np.ndarray, np.ndarray, list[Note]]:
+        return np.zeros(0), np.zeros(0), [kinds.RANGE_ABSENT(why=why)]
+
     if read is None:
-        return _none("there is no range between the feet")
+        return none("there is no range between the feet")
     times, distances, mask = (np.asarray(v) for v in read)
     if not times.shape == distances.shape == mask.shape or times.ndim != 1:
         raise RecordingError(
@@ -101,26 +106,21 @@ def _usable(
     near = measured & (distances > 0.0) & (distances <= options.longest_range)
     if not near.any():
         within = f" within {options.longest_range:g} m" if measured.any() else ""
-        return _none(f"the range sensor measured nothing{within}")
+        return none(f"the range sensor measured nothing{within}")
     times, distances = _passings(times[near].astype(float), distances[near].astype(float))
     # unlike the four passings before and after it, for example an echo
     odd = np.abs(distances - median_filter(distances, 9, mode="nearest")) > options.outlier
     times, distances = times[~odd], distances[~odd]
     known, turned = _known(pair, times), _inside(times, turning)
-    usable = known & ~turned
     left_out = {
         f"above {options.longest_range:g} m": measured & ~near, "unlike those around": odd, "in turns": turned,
         "at which the feet were not known": ~known & ~turned,
     }  # fmt: skip
     notes = [kinds.RANGES_LEFT_OUT(ranges=which.sum(), why=why) for why, which in left_out.items() if which.any()]
+    usable = known & ~turned
     if not usable.any():
         notes.append(kinds.RANGE_ABSENT(why="no range is left"))
     return times[usable], distances[usable], notes
-
-
-def _none(why: str) -> tuple[np.ndarray, np.ndarray, list[Note]]:
-    """No usable range, and a note."""
-    return np.zeros(0), np.zeros(0), [kinds.RANGE_ABSENT(why=why)]
 
 
 def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -134,32 +134,27 @@ def _passings(times: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.
     order = np.argsort(times, kind="stable")
     times, distances = times[order], distances[order]
     groups = np.split(np.arange(times.size), np.flatnonzero(np.diff(times) > HALF_PASSING) + 1)
-    passings = [passing for g in groups for passing in _nearest(times[g], distances[g])]
-    return np.array([time for time, _ in passings]), np.array([distance for _, distance in passings])
+    passings = np.array([passing for g in groups for passing in _nearest(times[g], distances[g])]).reshape(-1, 2)
+    return passings[:, 0], passings[:, 1]
 
 
 def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, float]]:
     """The passings in one group of readings: (time, distance) each."""
-    median = (0.5 * (times[0] + times[-1]), float(np.median(distances)))
-    if np.ptp(distances) < COMES_AND_GOES:
-        return [median]
-    nearest = []
-    left = np.ones(distances.size, bool)
+    if np.ptp(distances) < 0.06:  # [m] neither approach nor departure of a foot
+        return [(0.5 * (times[0] + times[-1]), float(np.median(distances)))]
+    nearest, left = [], np.ones(distances.size, bool)
     while left.any():
         lowest = np.flatnonzero(left)[np.argmin(distances[left])]
-        around = np.abs(times - times[lowest]) <= HALF_PASSING
-        near = around & (distances <= distances[lowest] + NEARLY)
-        inside = 0 < lowest < distances.size - 1
-        if inside and near.sum() >= 3:
-            since = times[near] - times[lowest]
-            curve, slope, level = np.polyfit(since, distances[near] ** 2, 2)
-            at = -0.5 * slope / curve if curve > 0.0 else 0.0
-            square = level + 0.5 * slope * at
-            if curve > 0.0 and abs(at) < HALF_PASSING and square > 0.0:
+        since = times - times[lowest]
+        near = (np.abs(since) <= HALF_PASSING) & (distances <= distances[lowest] + NEARLY)
+        if 0 < lowest < distances.size - 1 and near.sum() >= 3:
+            curve, slope, level = np.polyfit(since[near], distances[near] ** 2, 2)
+            at = -0.5 * slope / curve if curve > 0.0 else np.inf
+            square = level + 0.5 * slope * at if curve > 0.0 else -1.0
+            if abs(at) < HALF_PASSING and square > 0.0:
                 nearest.append((float(times[lowest] + at), float(np.sqrt(square))))
         # another passing is at least a quarter of a stride away
-        left &= np.abs(times - times[lowest]) > 2.0 * HALF_PASSING
-        left &= distances <= distances[lowest] + 2.0 * NEARLY
+        left &= (np.abs(since) > 2.0 * HALF_PASSING) & (distances <= distances[lowest] + 2.0 * NEARLY)
     return nearest
 
 
@@ -170,69 +165,47 @@ def _inputs(
     """Sort stances, ranges, double supports, first and last sample by time, and make the inputs."""
     both = _double_supports(pair) if walks else np.zeros(0)
     right, left = pair
-    kinds = [right.mids, left.mids, ranges, both, right.time[[0, -1]]]
-    time = np.concatenate(kinds)
-    kind = np.repeat(np.arange(len(kinds)), [len(times) for times in kinds])
+    moments = [right.mids, left.mids, ranges, both, right.time[[0, -1]]]
+    time = np.concatenate(moments)
+    kind = np.repeat(np.arange(len(moments)), [len(times) for times in moments])
     order = np.lexsort((kind, time))
     time, kind = time[order], kind[order]
     distance = np.zeros(time.shape)
     distance[kind == 2] = distances
     return WidthInputs(
-        time,
-        _control(right, time, kind == 0),
-        _control(left, time, kind == 1),
-        right.height(time),
-        left.height(time),
-        distance,
-        kind == 2,
-        _inside(time, turning),
-        kind == 3,
-        np.asarray(usual),
-        np.asarray(start_heading, float),
-        _rows(pair, time, kind, walks),
-        np.full(time.shape, walks),
-    )
+        time, _control(right, time, kind == 0), _control(left, time, kind == 1), right.at(time)[:, 2],
+        left.at(time)[:, 2], distance, kind == 2, _inside(time, turning), kind == 3, np.asarray(usual),
+        np.asarray(start_heading, float), _rows(pair, time, kind, walks), np.full(time.shape, walks),
+    )  # fmt: skip
 
 
 def _control(foot: FootTrack, time: np.ndarray, mid: np.ndarray) -> PathControl:
-    """Movement of a foot between moments; an interval lies within one stride, since stances are moments."""
+    """Movement of a foot between moments; an interval lies within one stride, since stances are moments.
+
+    A gap of the trajectory leaves the foot's mean velocity open, by 1 m/s.
+    """
     before = np.maximum(np.arange(time.size) - 1, 0)
-    stride = np.clip(np.cumsum(mid)[before] - 1, 0, max(len(foot.heading) - 1, 0))
-    heading = foot.heading[stride]
-    step = np.diff(foot.place(time), axis=0, prepend=foot.place(time[:1]))
+    heading = foot.heading[np.clip(np.cumsum(mid)[before] - 1, 0, max(len(foot.heading) - 1, 0))]
+    dx, dy = np.diff(foot.at(time)[:, :2], axis=0, prepend=foot.at(time[:1])[:, :2]).T
     c, s = np.cos(heading), np.sin(heading)
-    leaves = mid[before] & (np.arange(time.size) > 0)
-    return PathControl(
-        c * step[:, 0] + s * step[:, 1],
-        c * step[:, 1] - s * step[:, 0],
-        np.diff(heading, prepend=heading[:1]),
-        np.hypot(*step.T),
-        leaves.astype(float),
-        _not_known(foot, time),
-    )
-
-
-def _not_known(foot: FootTrack, time: np.ndarray) -> np.ndarray:
-    """(N,) variance of the movement between moments that the gaps of a foot's trajectory leave open [m²]."""
-    begin, lost = np.concatenate([time[:1], time[:-1]]), np.zeros(time.size)
+    leaves, lost = mid[before] & (np.arange(time.size) > 0), np.zeros(time.size)
     for first, last in foot.gaps:
-        lost += LOST_SPEED**2 * (last - first) * np.clip(np.minimum(time, last) - np.maximum(begin, first), 0.0, None)
-    return lost
+        lost += (last - first) * np.clip(np.minimum(time, last) - np.maximum(time[before], first), 0.0, None)
+    return PathControl(
+        c * dx + s * dy, c * dy - s * dx, np.diff(heading, prepend=heading[:1]), np.hypot(dx, dy),
+        leaves.astype(float), lost,
+    )  # fmt: skip
 
 
 def _double_supports(pair: Pair) -> np.ndarray:
     """Times of double support [s]: between stances of different feet, when the faster is slowest; none in gaps."""
-    mids = np.concatenate([foot.mids for foot in pair])
-    side = np.repeat([0, 1], [len(foot.mids) for foot in pair])
-    order = np.argsort(mids, kind="stable")
-    mids, side = mids[order], side[order]
-    time = pair[0].time
-    gaps = [gap for foot in pair for gap in foot.gaps]
+    time, gaps = pair[0].time, [gap for foot in pair for gap in foot.gaps]
     speed = np.where(_inside(time, gaps), np.inf, np.maximum(*(foot.speed() for foot in pair)))
+    stances = sorted((mid, side) for side, foot in enumerate(pair) for mid in foot.mids)
     supports = []
-    for k in np.flatnonzero(np.diff(side) != 0):
-        first, last = np.searchsorted(time, [mids[k], mids[k + 1]])
-        if last - first > 2 and np.isfinite(speed[first + 1 : last]).any():
+    for (mid, side), (later, other) in itertools.pairwise(stances):
+        first, last = np.searchsorted(time, [mid, later])
+        if side != other and last - first > 2 and np.isfinite(speed[first + 1 : last]).any():
             supports.append(time[first + 1 + int(np.argmin(speed[first + 1 : last]))])
     return np.array(supports)
 
@@ -241,19 +214,20 @@ def _rows(pair: Pair, time: np.ndarray, kind: np.ndarray, walks: bool) -> Stride
     """Strides of both feet in the order of their ends."""
     table = []
     for side, foot in enumerate(pair if walks else ()):
-        other = pair[1 - side].mids
-        moments = np.flatnonzero(kind == side)
-        height = foot.height(foot.mids)
-        leave, land = contact_times(foot)
-        for k in range(len(foot.mids) - 1):
-            first, last = foot.mids[k], foot.mids[k + 1]
-            begin = land[k - 1] if k else leave[k]
-            turn = foot.heading[k] - foot.heading[k - 1] if k else 0.0
-            passed = int(np.sum((other > first) & (other < last))) == 1
-            table.append((side, moments[k + 1], begin, leave[k], land[k], first, last, height[k + 1] - height[k], turn,
-                          passed, True))  # fmt: skip
-    table.sort(key=lambda row: row[6])
-    columns = np.array(table, float).reshape(len(table), len(StrideRows._fields)).T
+        other, count = pair[1 - side].mids, len(foot.mids) - 1
+        (leave, land), height = contact_times(foot), foot.at(foot.mids)[:, 2]
+        passed = np.searchsorted(other, foot.mids[1:]) - np.searchsorted(other, foot.mids[:-1], side="right") == 1
+        table.append((
+            np.full(count, side), np.flatnonzero(kind == side)[1:], np.append(leave[:1], land[:-1]), leave, land,
+            foot.mids[:-1], foot.mids[1:], np.diff(height), np.diff(foot.heading, prepend=foot.heading[:1]), passed,
+            np.ones(count, bool),
+        ))  # fmt: skip
     types = (np.int32, np.int32, *(float,) * 7, bool, bool)
-    padding = (0, time.size - len(table))
-    return StrideRows(*(np.pad(column.astype(of), padding) for column, of in zip(columns, types, strict=True)))
+    columns = [np.concatenate(parts) for parts in zip(*table, strict=True)] or [np.zeros(0)] * len(types)
+    order = np.argsort(columns[StrideRows._fields.index("standing_end")], kind="stable")
+    return StrideRows(
+        *(
+            np.pad(values[order].astype(of), (0, time.size - len(order)))
+            for values, of in zip(columns, types, strict=True)
+        )
+    )

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from jgait.estimators.programs import compiled
 from jgait.estimators.stride_width_ekf.inputs import StrideRows
@@ -15,9 +15,6 @@ from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
 from jgait.types import Strides, Values
 
-SHORTEST_LINE = 0.15
-"""[m] Shortest stride with a width; the direction of shorter ones is too uncertain as a reference line."""
-
 
 def with_stddev(
     read: Callable[[WidthState], tuple[Values, ...]], states: WidthState, cov: Values
@@ -25,27 +22,22 @@ def with_stddev(
     """Functions of the state at every moment (N,), and their standard deviations by linearisation, for covariances
     (N, 10, 10).
     """
-    values, rows = compiled(_with_slopes)(states, read=read)
+    values, slopes = compiled(_with_slopes)(states, read=read)
+    rows = [xp.stack(list(slope), axis=-1) for slope in slopes]
     return values, [root(xp.sum(g[:, :, None] * cov * g[:, None, :], axis=(1, 2))) for g in rows]
 
 
-def _with_slopes(
-    states: WidthState, read: Callable[[WidthState], tuple[Values, ...]]
-) -> tuple[tuple[Values, ...], list[Values]]:
-    """Functions of each state, and their gradients (N, 10)."""
-    values, slopes = jax.vmap(lambda state: (read(state), jax.jacrev(read)(state)))(states)
-    return values, [jnp.stack(jax.tree.leaves(slope), axis=-1) for slope in slopes]
+def _with_slopes(states: WidthState, read: Callable[[WidthState], tuple[Values, ...]]) -> PyTree:
+    return jax.vmap(lambda state: (read(state), jax.jacrev(read)(state)))(states)
 
 
 def distances(p: WidthParams, states: WidthState, cov: Covariance) -> dict[str, Any]:
     """The paper's z₁ and z₂ at every moment [m], and standard deviations; at double support, base of support."""
-    (z1, z2), (z1_stddev, z2_stddev) = with_stddev(between, states, cov.dense())
-    return {
-        "z1": z1,
-        "z2": z2,
-        "z1_stddev": xp.hypot(z1_stddev, p.offset_noise),
-        "z2_stddev": xp.hypot(z2_stddev, p.passing_offset_noise),
-    }
+    (z1, z2), spread = with_stddev(between, states, cov.dense())
+    z1_stddev, z2_stddev = (
+        xp.hypot(*pair) for pair in zip(spread, (p.offset_noise, p.passing_offset_noise), strict=True)
+    )
+    return {"z1": z1, "z2": z2, "z1_stddev": z1_stddev, "z2_stddev": z2_stddev}
 
 
 def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covariance) -> tuple[Strides, Strides]:
@@ -62,7 +54,7 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
         [xp.where(left, of_left, of_right) for of_right, of_left in zip(part[:3], part[3:], strict=True)]
         for part in with_stddev(_of_strides, ends, cov.dense()[at])
     )
-    line = rows.valid & rows.passed & (length >= SHORTEST_LINE)
+    line = rows.valid & rows.passed & (length >= 0.15)  # [m] a shorter line has no reliable direction
     nothing, zero = xp.nan, xp.zeros_like(width)
     values = Strides(
         rows.side, rows.start, rows.final_contact, rows.end, xp.where(rows.valid, length, zero),

@@ -10,11 +10,6 @@ from jgait.estimators.stride_width_ekf.notes import FOOT_BRIDGED
 from jgait.notes import Note
 from jgait.types import SIDES, Feet, FootTrajectory, RecordingError
 
-SHORT = 0.15  # m; a shorter stride gets the heading of the previous stride
-LONGEST_GAP = 0.1  # s; ranges within a longer gap of a trajectory are not used
-STILL_SPEED = 0.3  # m/s; a foot below this speed is on the ground
-STILL_SHARE = 0.15  # 1; a foot below this share of its largest speed in the stride is on the ground
-
 
 class FootTrack(NamedTuple):
     """One foot's trajectory."""
@@ -26,13 +21,9 @@ class FootTrack(NamedTuple):
     heading: np.ndarray
     gaps: tuple[tuple[float, float], ...]  #: start and end of each gap in the positions [s].
 
-    def place(self, times: np.ndarray) -> np.ndarray:
-        """(k, 2) horizontal position at given times [m]."""
-        return np.stack([np.interp(times, self.time, self.position[:, axis]) for axis in (0, 1)], axis=1)
-
-    def height(self, times: np.ndarray) -> np.ndarray:
-        """(k,) height at given times [m]."""
-        return np.interp(times, self.time, self.position[:, 2])
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """(k, 3) position at given times [m]."""
+        return np.stack([np.interp(times, self.time, part) for part in self.position.T], axis=1)
 
     def speed(self) -> np.ndarray:
         """(T,) horizontal speed [m/s]."""
@@ -55,15 +46,17 @@ def checked_feet(
         raise RecordingError(f"time must increase; got {time[row - 1]:g} s, then {time[row]:g} s at sample {row}")
     if len(stances) != 2:
         raise RecordingError(f"stances must be given for the right and the left foot; got {len(stances)} of them")
-    (right, notes), (left, more) = (
-        _checked(side, time, foot, np.asarray(mids)) for side, foot, mids in zip(SIDES, feet, stances, strict=True)
+    notes: list[Note] = []
+    right, left = (
+        _checked(side, time, foot, np.asarray(mids), notes)
+        for side, foot, mids in zip(SIDES, feet, stances, strict=True)
     )
-    return (right, left), notes + more
+    return (right, left), notes
 
 
 def _checked(
-    side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.ndarray
-) -> tuple[FootTrack, list[Note]]:
+    side: str, time: np.ndarray, foot: FootTrajectory | None, mids: np.ndarray, notes: list[Note]
+) -> FootTrack:
     if foot is None:
         raise RecordingError(f"stride_width_ekf needs both feet; the {side} one was not measured")
     position = np.asarray(foot.position, np.float64)
@@ -78,43 +71,42 @@ def _checked(
     finite = np.isfinite(position).all(axis=1)
     if np.sum(finite) < 2:
         raise RecordingError(f"the {side} foot needs finite positions; got {int(np.sum(finite))} of {time.size}")
-    notes: list[Note] = []
     if not finite.all():
         notes.append(FOOT_BRIDGED(side=side, samples=np.sum(~finite)))
-    mids = mids[finite[mids].astype(bool)] if mids.size else np.zeros(0, int)
+    mids = mids[finite[mids]] if mids.size else np.zeros(0, int)
     at = time[finite]
     step = np.diff(at)
-    wide = np.flatnonzero(step > max(LONGEST_GAP, 1.5 * float(np.median(step))))
-    gaps = tuple((float(at[k]), float(at[k + 1])) for k in wide)
-    position = np.stack([np.interp(time, at, position[finite, axis]) for axis in range(3)], axis=1)
-    heading, first = _headings(position[mids, :2])
+    wide = np.flatnonzero(step > max(0.1, 1.5 * float(np.median(step))))  # [s] a range in a longer gap is not used
+    x, y, z = (np.interp(time, at, part) for part in position[finite].T)
+    heading, first = _headings(np.stack([x, y], axis=1)[mids])
     c, s = np.cos(first), np.sin(first)
-    x, y, z = position.T
-    return FootTrack(time, np.stack([c * x + s * y, c * y - s * x, z], axis=1), time[mids], heading, gaps), notes
+    gaps = tuple((float(at[k]), float(at[k + 1])) for k in wide)
+    return FootTrack(time, np.stack([c * x + s * y, c * y - s * x, z], axis=1), time[mids], heading, gaps)
 
 
 def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
-    """Headings of the strides between stances (n, 2) relative to the first stride, and that of the first [rad]."""
+    """Headings of the strides between stances (n, 2) relative to the first stride, and that of the first [rad].
+
+    A stride shorter than 0.15 m gets the heading of the previous stride; before the first stride, that of the first.
+    """
     way = np.diff(stood, axis=0)
-    long = np.hypot(*way.T) >= SHORT
+    long = np.hypot(*way.T) >= 0.15
     if not long.any():
         return np.zeros(max(len(way), 1)), 0.0
-    # A short stride gets the heading of the previous stride; before the first stride, that of the first stride.
-    which = np.maximum.accumulate(np.where(long, np.arange(len(way)), -1))
-    which = np.where(which < 0, np.argmax(long), which)
+    which = np.maximum.accumulate(np.where(long, np.arange(len(way)), np.argmax(long)))
     heading = np.unwrap(np.arctan2(way[which, 1], way[which, 0]))
     return heading - heading[0], float(heading[0])
 
 
 def contact_times(foot: FootTrack) -> tuple[np.ndarray, np.ndarray]:
-    """Final and initial contact of each stride [s], from the horizontal speed."""
+    """Final and initial contact of each stride [s], from the horizontal speed.
+
+    A foot is on the ground below 0.3 m/s, and below 0.15 of its largest speed in the stride.
+    """
     speed = foot.speed()
-    leave, land = [], []
-    for first, last in itertools.pairwise(foot.mids):
-        a, b = np.searchsorted(foot.time, [first, last])
-        part = speed[a : b + 1]
-        moves = np.flatnonzero(part > max(STILL_SPEED, STILL_SHARE * float(part.max())))
-        begin, end = (moves[0], moves[-1]) if moves.size else (0, len(part) - 1)
-        leave.append(foot.time[a + begin])
-        land.append(foot.time[a + end])
-    return np.array(leave), np.array(land)
+    contacts = []
+    for a, b in itertools.pairwise(np.searchsorted(foot.time, foot.mids)):
+        moves = a + np.flatnonzero(speed[a : b + 1] > max(0.3, 0.15 * float(speed[a : b + 1].max())))
+        contacts.append((moves[0], moves[-1]) if moves.size else (a, b))
+    leave, land = foot.time[np.array(contacts, int).reshape(-1, 2).T]
+    return leave, land
