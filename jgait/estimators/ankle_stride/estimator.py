@@ -14,13 +14,7 @@ from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
 from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation
-from jgait.estimators.ankle_stride.params import (
-    DEFAULT,
-    KNOWN,
-    AnkleOptions,
-    AnkleParams,
-    with_body,
-)
+from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions, AnkleParams, with_body
 from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.rates import rates_off
 from jgait.estimators.ankle_stride.readout import FLAGS
@@ -41,9 +35,6 @@ from jgait.quality.stride import nis_between, of_estimate
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
 
-TOGETHER_S = 0.06
-"""[s] Correlation time of zero velocities: those within this time count as one, whatever the sampling rate."""
-
 PER_STRIDE = (*FLAGS, "stride_nis")
 """Diagnostics with an entry for each stride."""
 
@@ -60,39 +51,41 @@ UNUSED = {
 """Method → parameters on which no number of the estimate depends, so that their gradient is zero."""
 
 
-def model_params(p: AnkleParams) -> FootModelParams:
-    """The model's parameters; the foot's pivot is zero, because the lever is a state, and no height is observed."""
-    return FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, 0.0)
+def filtered(
+    p: AnkleParams, leg: PyTree, readings: tuple[Values, Values, Values], stands: Flags, initial: Belief,
+    options: AnkleOptions, keep: tuple[str, ...] = filtering.SUMMARY,
+    covariance: tuple[str, ...] = ("position", "attitude", "lever"),
+) -> filtering.Inferred:  # fmt: skip
+    """The states of one leg whose ankle has zero velocity at the samples `stands`; the same offline and online.
 
-
-def control(p: AnkleParams, now: PyTree, rate: Values, gyr: Values, acc: Values) -> AnkleControl:
-    """Readings of the sensor (…, 3) and variances of their errors, for one sample or for many.
-
-    An error that is white over an interval h has the density σ² h. `now` has the jumps, doubts, dt, restart, rate_hz
-    and gyr_bias of `AnkleSignals`; `rate` is the angular rate at the sample, `gyr` the mean over the interval [rad/s],
-    `acc` the mean specific force over it [m/s²].
+    `leg` has the jumps, doubts, dt, restart, rate_hz and gyr_bias of `AnkleSignals`; `readings` are the angular rate at
+    each sample, the mean rate over the interval before it [rad/s] and the mean specific force over it [m/s²]. An error
+    that is white over an interval h has the density σ² h. Zero velocities within 0.06 s count as one, whatever the
+    sampling rate.
     """
-    h = now.dt
-    free = subtract(vector(rate), vector(now.gyr_bias))
-    together = xp.maximum(TOGETHER_S * now.rate_hz, 1.0)
+    h, (rate, gyr, acc) = leg.dt, readings
+    free = subtract(vector(rate), vector(leg.gyr_bias))
     over = FootControl(
         gyr=gyr,
         acc=acc,
-        gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * now.gyr_jump) ** 2 + now.gyr_doubt**2) * h,
-        acc_density=p.acc_noise**2 + ((p.acc_jump_noise * now.acc_jump) ** 2 + now.acc_doubt**2) * h,
-        velocity_variance=together * (p.velocity_noise**2 + p.rate_noise**2 * dot(free, free)),
-        restart=now.restart,
+        gyr_density=p.gyr_noise**2 + ((p.gyr_jump_noise * leg.gyr_jump) ** 2 + leg.gyr_doubt**2) * h,
+        acc_density=p.acc_noise**2 + ((p.acc_jump_noise * leg.acc_jump) ** 2 + leg.acc_doubt**2) * h,
+        velocity_variance=xp.maximum(0.06 * leg.rate_hz, 1.0)
+        * (p.velocity_noise**2 + p.rate_noise**2 * dot(free, free)),
+        restart=leg.restart,
     )
-    return AnkleControl(over, rate)
-
-
-def prior_of(p: AnkleParams, leg: AnkleSignals, gyr: Values) -> Belief:
-    """The belief at the first stance: tilt from gravity, the ankle at rest, the lever of the sensor's placement."""
-    return standing_prior(p, leg, leg.attitude, gyr[xp.argmax(leg.valid)])
+    # the foot's pivot is zero, because the lever is a state, and no height is observed
+    model_params = FootModelParams(0.0, p.gyr_bias_walk**2, p.acc_bias_walk**2, 0.0)
+    return filtering.infer(
+        ankle_model.MODEL, model_params, AnkleObservation(xp.zeros_like(gyr)), smooth=options.smooth,
+        controls=AnkleControl(over, rate), dt=h, mask=AnkleObservation(stands), method=options.method, initial=initial,
+        keep=keep, covariance=covariance,
+    )  # fmt: skip
 
 
 def standing_prior(p: AnkleParams, leg: PyTree, attitude: Values, rate: Values) -> Belief:
-    """The belief at a stance, without any information from before it, for an attitude from gravity and a rate [rad/s].
+    """The belief at a stance, without any information from before it, for an attitude from gravity and a rate [rad/s]:
+    the ankle at rest, the lever of the sensor's placement.
 
     `leg` has the gyr_bias, still_time and mid_shank of `AnkleSignals`.
     """
@@ -101,49 +94,42 @@ def standing_prior(p: AnkleParams, leg: PyTree, attitude: Values, rate: Values) 
     velocity = rotated(quaternion(attitude), cross(vector(rate - leg.gyr_bias), vector(lever)))
     stood = leg.still_time > 0.0
     rested = p.gyr_bias**2 + (p.sway / xp.where(stood, leg.still_time, 1.0)) ** 2
-    biased = xp.where(stood, rested, p.gyr_bias_unknown**2)
     along, across, tilt = (xp.asarray(v, dtype) ** 2 for v in (p.lever_along_sd, p.lever_across_sd, p.tilt))
     zero = xp.zeros_like(lever)
     variances = AnkleError(
         position=zero + AGAIN,
         velocity=zero + 0.04,
         attitude=xp.stack([tilt, tilt, xp.asarray(1e-8, dtype)]),
-        gyr_bias=zero + biased,
+        gyr_bias=zero + xp.where(stood, rested, p.gyr_bias_unknown**2),
         acc_bias=zero + p.acc_bias**2,
         lever=xp.stack([across, across, along]),
     )
     return ankle_model.standing_belief(attitude, as_array(velocity), leg.gyr_bias, lever, variances)
 
 
-def _filtered(
-    p: AnkleParams, leg: AnkleSignals, gyr: Values, acc: Values, options: AnkleOptions, levers: bool
-) -> filtering.Inferred:
-    stands = leg.stands & leg.valid
-    return filtering.infer(
-        ankle_model.MODEL, model_params(p), AnkleObservation(xp.zeros_like(gyr)), smooth=options.smooth,
-        controls=control(p, leg, gyr, *(mean_over_interval(v) for v in (gyr, acc))), dt=leg.dt,
-        mask=AnkleObservation(stands), method=options.method, initial=prior_of(p, leg, gyr),
-        covariance=("position", "attitude", *(("lever",) if levers else ())),
-    )  # fmt: skip
-
-
-def _signals(p: AnkleParams, legs: AnkleSignals) -> Values:
-    """Angular rates and forces (…, T, 6) of legs along a first axis, low-passed."""
-
-    def smooth(leg: AnkleSignals) -> Values:
-        both = jnp.concatenate([leg.gyr, leg.acc], axis=1)
-        return butterworth.low_pass_until(both, p.cutoff_hz, leg.rate_hz, leg.last)
-
-    return jax.vmap(smooth)(legs)
+def _low_passed(p: AnkleParams, leg: AnkleSignals) -> tuple[Values, Values]:
+    """Angular rate and force (T, 3) of a leg, low-passed."""
+    raw = jnp.concatenate([leg.gyr, leg.acc], axis=1)
+    both = butterworth.low_pass_until(raw, p.cutoff_hz, leg.rate_hz, leg.last)
+    return both[:, :3], both[:, 3:]
 
 
 def _states(p: AnkleParams, legs: AnkleSignals, options: AnkleOptions, levers: bool) -> filtering.Inferred:
     """The states of legs along a first axis."""
 
-    def filtered_leg(leg: AnkleSignals, smooth: Values) -> filtering.Inferred:
-        return _filtered(p, leg, smooth[:, :3], smooth[:, 3:], options, levers)
+    def states_of(leg: AnkleSignals) -> filtering.Inferred:
+        gyr, acc = _low_passed(p, leg)
+        prior = standing_prior(p, leg, leg.attitude, gyr[xp.argmax(leg.valid)])
+        readings = (gyr, mean_over_interval(gyr), mean_over_interval(acc))
+        covariance = ("position", "attitude", *(("lever",) if levers else ()))
+        return filtered(p, leg, readings, leg.stands & leg.valid, prior, options, covariance=covariance)
 
-    return jax.vmap(filtered_leg)(legs, _signals(p, legs))
+    return jax.vmap(states_of)(legs)
+
+
+def _worn(inputs: AnkleInputs) -> dict[int, AnkleSignals]:
+    """Side (0 right, 1 left) → signals of each leg with a sensor."""
+    return {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
 
 
 class _Walked(NamedTuple):
@@ -166,13 +152,11 @@ def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.I
     strides, deviations, flags = ankle_strides.from_filter(p, leg, states.mean, states.cov, side)
     flags["stride_nis"] = nis_between(states.filtered.nis, states.filtered.count, leg.begin, leg.end)
     last = leg.last
+    off = ankle_strides.off(vector(states.mean.lever), ankle_strides.lever_of(p, leg))[last]
     diagnostics = {
-        "log_likelihood": states.log_likelihood,
-        "nis": states.nis,
-        "lever": states.mean.lever[last],
-        "lever_off": ankle_strides.off(vector(states.mean.lever), ankle_strides.lever_of(p, leg))[last],
+        "log_likelihood": states.log_likelihood, "nis": states.nis, "lever": states.mean.lever[last], "lever_off": off,
         "gyr_bias": states.mean.gyr_bias[last],
-    }
+    }  # fmt: skip
     spread = states.cov.stddev().lever
     if spread is not None:
         diagnostics["lever_stddev"] = spread[last]
@@ -184,11 +168,11 @@ def _of_leg(p: AnkleParams, leg: AnkleSignals, side: Counts, states: filtering.I
 def _by_method(p: AnkleParams, legs: AnkleSignals, sides: Counts, time: Values, method: str) -> _Walked:
     """Strides of legs along a first axis, by a method of `ankle_stride.length`."""
 
-    def strides_of_leg(leg: AnkleSignals, side: Counts, smooth: Values) -> _Walked:
-        strides, flags = ankle_strides.by_method(p, leg, smooth[:, :3], smooth[:, 3:], side, method)
+    def strides_of_leg(leg: AnkleSignals, side: Counts) -> _Walked:
+        strides, flags = ankle_strides.by_method(p, leg, *_low_passed(p, leg), side, method)
         return _Walked(strides, None, flags, {}, leg.valid, _along(time, strides, [strides.length]))
 
-    return jax.vmap(strides_of_leg)(legs, sides, _signals(p, legs))
+    return jax.vmap(strides_of_leg)(legs, sides)
 
 
 def _along(time: Values, strides: Strides, added: list[Values]) -> Values:
@@ -210,7 +194,7 @@ def run(p: AnkleParams, inputs: AnkleInputs, options: AnkleOptions = DEFAULT, *,
         ValueError: an unknown option.
     """
     check_options(options, KNOWN)
-    worn = {side: leg for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None}
+    worn = _worn(inputs)
     legs, sides, time = stacked(*worn.values()), np.asarray(list(worn), np.int32), inputs.time
     if options.length == "filter":
         states = compiled(_states)(p, legs, options=options, levers=levers)
@@ -258,25 +242,27 @@ def estimate(p: AnkleParams, recording: Recording, options: AnkleOptions = DEFAU
 
 def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     """The estimate with the instants at which strides begin and end, and with doubts about strides and legs."""
-    worn = {side: leg for side, leg in enumerate((made.inputs.right, made.inputs.left)) if leg is not None}
+    worn = _worn(made.inputs)
     instants = {
         f"instants_{SIDES[side]}": np.stack([leg.begin, leg.end], axis=1)[: int(leg.count)]
         for side, leg in worn.items()
     }
     places = {side: f"{'shank' if leg.mid_shank else 'ankle'}_{SIDES[side]}" for side, leg in worn.items()}
     cut = cut_off(result, {side: (places[side], leg.gyr - leg.gyr_bias) for side, leg in worn.items()})
-    notes = (*result.diagnostics["notes"], *cut_notes(cut))
-    sensors = merged(result.diagnostics["sensors"], cut)
-    result = result._replace(diagnostics={**result.diagnostics, **instants, "notes": notes, "sensors": sensors})
+    notes, doubts, diagnostics = cut_notes(cut), [cut], {**result.diagnostics, **instants}
+    if result.strides_stddev is not None:
+        nis, away = (
+            {side: float(diagnostics[f"{name}_{SIDES[side]}"]) for side in worn} for name in ("nis", "lever_off")
+        )
+        off = rates_off(run, made.inputs, made.options, nis, places)
+        far = {places[side]: SensorQuality(lever_off=metres) for side, metres in away.items()
+               if metres > ankle_strides.FARTHEST_OFF}  # fmt: skip
+        notes += [RATES_OFF(placement=name, factor=sensor.rates_factor) for name, sensor in off.items()]
+        notes += [LEVER_IMPLAUSIBLE(placement=name, off_m=sensor.lever_off) for name, sensor in far.items()]
+        doubts += [off, far]
+    diagnostics["notes"] = (*diagnostics["notes"], *notes)
+    diagnostics["sensors"] = merged(diagnostics["sensors"], *doubts)
+    result = result._replace(diagnostics=diagnostics)
     if result.strides_stddev is None:
         return result
-    nis = {side: float(result.diagnostics[f"nis_{SIDES[side]}"]) for side in worn}
-    off = rates_off(run, made.inputs, made.options, nis, places)
-    away = {places[side]: float(result.diagnostics[f"lever_off_{SIDES[side]}"]) for side in worn}
-    farthest = ankle_strides.FARTHEST_OFF
-    far = {name: SensorQuality(lever_off=metres) for name, metres in away.items() if metres > farthest}
-    wrong = (RATES_OFF(placement=name, factor=sensor.rates_factor) for name, sensor in off.items())
-    odd = (LEVER_IMPLAUSIBLE(placement=name, off_m=sensor.lever_off) for name, sensor in far.items())
-    sensors = merged(result.diagnostics["sensors"], off, far)
-    result = result._replace(diagnostics={**result.diagnostics, "notes": (*notes, *wrong, *odd), "sensors": sensors})
     return quality.judged(result, "ankle_stride", of_estimate(result, places), places)

@@ -4,17 +4,14 @@ from typing import Annotated, NamedTuple
 
 from jaxtyping import PyTree
 
-from jgait.estimators.interface import Axis, Held, Sampled, Times, fields_of
+from jgait.estimators.interface import Axis, Held, Sampled, Times
 from jgait.notes import record
 from jgait.types import Counts, Values
 
-SHORTEST_STRIDE = 10
-"""[samples] Lower limit on the samples between two strides at the lowest sampling rate; see `capacity`."""
-
 
 def capacity(samples: int) -> int:
-    """K, the number of rows for strides in a recording of this number of samples."""
-    return samples // SHORTEST_STRIDE + 2
+    """K, the number of rows for strides in a recording of this number of samples; no stride is shorter than ten."""
+    return samples // 10 + 2
 
 
 type PerStride = Annotated[Values, Axis("zero", capacity)]
@@ -60,7 +57,3 @@ class AnkleInputs(NamedTuple):
     time: Times
     right: AnkleSignals | None
     left: AnkleSignals | None
-
-
-PER_STRIDE = fields_of(AnkleSignals, capacity)
-"""Names of the fields of `AnkleSignals` with one entry per stride."""

@@ -1,8 +1,8 @@
 r"""Stride lengths from one sensor at the ankle or on the shank, given the gait events.
 
-Each method is differentiable in leg length, gains, lever,
-sensor biases and cut-off; the events are inputs, and carry no gradient. Signals are in the axes of the segment
-(forward x, left y, up z, see `mounting.shank`), so that the rate about y is negative in the forward swing.
+Each method is differentiable in leg length, gains, lever, sensor biases and cut-off; the events are inputs, and carry
+no gradient. Signals are in the axes of the segment (forward x, left y, up z, see `mounting.shank`), so that the rate
+about y is negative in the forward swing.
 
 `pendulum`: the angle θ of the swing from toe-off to heel strike,
 
@@ -21,17 +21,15 @@ Source: H. D. Silva, J. A. Afonso, L. A. Rocha, "Walk distance estimation using 
 unit", 2017, equations 1 to 6.
 
 Deviations from the paper:
-    Effects, where they were measured, are those of `experiments/silva2017`.
+    Effects, where they were measured, are those of `experiments/silva2017`, which has 3 and 5 as printed.
 
     1. θ is about the sagittal axis; the rate's norm over all axes is 3 to 15 % longer and breaks in turns.
     2. SL₂' has a swing-time term, which makes up for what the supporting leg adds: with e of other people, c learned at
        one speed holds at another to 1.4 % instead of 3.4 % (`tripod`).
-    3. The rotation of an interval is exact; equation 3, not normalised, adds 1.6 to 3.5 cm a stride
-       (`experiments/silva2017/literal.py` has 3 and 5 as printed).
+    3. The rotation of an interval is exact; equation 3, not normalised, adds 1.6 to 3.5 cm a stride.
     4. The initial velocity is ω × r, not zero, and the stride is that of the ankle, not of the sensor (r = 0): mid
        shank 2.6 instead of 10 cm (`neura_sparse`), 3.6 with the velocity alone.
-    5. Up is the mean specific force over the stride instead of one sample of it. The length |s| is the
-       same, and its gradient in that sample is zero, as in the events'.
+    5. Up is the mean specific force over the stride instead of one sample of it; the length |s| is the same.
     6. The cut-off is a parameter: with the true lever the 4 Hz of the paper make simulated strides 2 to 3.5 cm too
        long, 8 Hz half a centimetre at most; a lever learned at 4 Hz makes up for it.
 """
@@ -74,10 +72,8 @@ class Swung(NamedTuple):
 
 
 class Travelled(NamedTuple):
-    """A stride, at the sample at which it ends; 0 elsewhere: |s|, its horizontal part and its rise [m], turn, duration
-    [s].
-
-    The turn about up from begin to end is positive to the left [rad].
+    """A stride, at the sample at which it ends; 0 elsewhere: |s|, its horizontal part and its rise [m], turn about up,
+    positive to the left [rad], duration [s].
     """
 
     length: Values
@@ -124,9 +120,8 @@ def scanned(
     `begin` gives the state at the begin of a stride from rate and force; biases are taken off before. Other arguments
     as of `inertial`.
     """
-    rate = subtract(vector(jnp.asarray(gyr)), p.gyr_bias)
-    force = subtract(vector(jnp.asarray(acc)), p.acc_bias)
-    samples = (rate, force, strides)
+    biases = ((gyr, p.gyr_bias), (acc, p.acc_bias))
+    samples = (*(subtract(vector(jnp.asarray(values)), bias) for values, bias in biases), strides)
 
     def step(state: PyTree, sample: PyTree) -> tuple[PyTree, Travelled]:
         going, travelled = step_function(state, sample)
@@ -161,10 +156,6 @@ def begun(p: StrideLengthParams, w: Vector, f: Vector) -> StrideState:
     return StrideState(level, none, none, nothing, cross(w, p.lever), w, f)
 
 
-def _trapezoid(total: Vector, dt: Values, before: Vector, now: Vector) -> Vector:
-    return add(total, scale(0.5 * dt, add(before, now)))
-
-
 def _step(
     p: StrideLengthParams, s: StrideState, sample: tuple[Vector, Vector, Marks], *, dt: Values
 ) -> tuple[StrideState, Travelled]:
@@ -180,10 +171,9 @@ def _step(
 def advanced(s: StrideState, attitude: Quaternion, w: Vector, f: Vector, dt: Values) -> StrideState:
     """The state after a sample of rate [rad/s] and specific force [m/s²] with this attitude."""
     force = rotated(attitude, f)
-    velocity = _trapezoid(s.velocity, dt, s.force, force)
-    return StrideState(
-        attitude, velocity, _trapezoid(s.way, dt, s.velocity, velocity), s.duration + dt, s.start, w, force
-    )
+    velocity = add(s.velocity, scale(0.5 * dt, add(s.force, force)))
+    way = add(s.way, scale(0.5 * dt, add(s.velocity, velocity)))
+    return StrideState(attitude, velocity, way, s.duration + dt, s.start, w, force)
 
 
 def read(p: StrideLengthParams, s: StrideState, up: Vector) -> Travelled:

@@ -72,7 +72,7 @@ class AnkleObservation(NamedTuple):
 
 def transition(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Values) -> AnkleState:
     """Strapdown of the sensor over one interval, and the displacement of the ankle."""
-    moved = foot_model.transition(p, _sensor(s), u.over, dt)
+    moved = foot_model.transition(p, FootState(*s[:5]), u.over, dt)
     after, before = (rotated(quaternion(q), vector(s.lever)) for q in (moved.attitude, s.attitude))
     return AnkleState(*moved._replace(position=moved.position - as_array(subtract(after, before))), s.lever)
 
@@ -82,14 +82,9 @@ def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Val
 
     The ankle's displacement from noise of the rate times the lever is left out: a fifth of a millimetre a stride.
     """
-    foot_noise = foot_model.transition_noise(p, _sensor(s), u.over, dt)
-    v = foot_noise.variances()
-    every = AnkleError(v.position, v.velocity, v.attitude, v.gyr_bias, v.acc_bias, _STILL)
+    foot_noise = foot_model.transition_noise(p, FootState(*s[:5]), u.over, dt)
     crossed = {("position", "velocity"): foot_noise["position", "velocity"]}
-    return Covariance.from_variances(every).with_entries(crossed)
-
-
-_STILL = 1e-18
+    return Covariance.from_variances(AnkleError(*foot_noise.variances(), lever=1e-18)).with_entries(crossed)
 
 
 def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:
@@ -126,11 +121,5 @@ def standing_belief(
     return Belief(mean, Covariance.from_variances(variances))
 
 
-def _sensor(s: AnkleState) -> FootState:
-    return FootState(*s[:5])
-
-
-MODEL = Model(
-    initial, transition, transition_noise, observation, observation_noise, retract, local,
-)  # fmt: skip
+MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
 """The model of one ankle."""

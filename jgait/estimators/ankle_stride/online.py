@@ -1,19 +1,17 @@
 r"""The ankle's estimator a sample at a time, in constant memory, for a device that counts strides during the walk.
 
-Each sample passes causal low-passes and a detector of `events.shank`, which detects the swings of the shank. After a
-swing, `events.shank_stance` searches the valley of the stance rate, which is known only after the valley. The
-error-state filter therefore runs a fixed lag, some 0.26 s, behind the newest sample, and uses the ankle's zero velocity
-before and after the valley. When the filter has passed a valley, or while the person stands, a swing since the last
-such instant makes a stride, whose length, height and turn are then known, with their standard deviations.
-
-The host decides beforehand on axes, gyroscope bias at rest, placement and sampling rate, from a recording of a walk
-(`ankle_stride.prepare.prepare`); the device then needs memory for a few hundred numbers, however long the walk.
+Each sample passes causal low-passes and the step of the detector of swings that `events.shank` scans offline. After a
+swing, `events.shank_stance` searches the valley of the stance rate, which is known only after the valley. So the filter
+of `ankle_stride` without its smoother runs a fixed lag, some 0.26 s, behind the newest sample. When it has passed a
+valley, or while the person stands, a swing since the last such instant makes a stride, whose length, height and turn
+are then known, with their standard deviations. Axes, gyroscope bias at rest, placement and sampling rate come from a
+recording of a walk (`worn`).
 
 Deviations from `ankle_stride` without smoothing, which integrates signals filtered both ways and knows the whole walk:
     1. Signals are filtered causally, at the same cut-off; times have the delay removed.
     2. Swings by the lobes of a causally filtered rate.
     3. The valley is the first minimum that lasts, not the least rate in a part of the time between two swings.
-    4. Standing is a leg that has hardly turned for `CALM_S`.
+    4. Standing is a leg that has hardly turned for half a second.
     5. A stride is read where the window of zero velocities around its valley ends, not in its middle.
     6. Nothing is known of a reading's range, so that clipped swings are not noticed.
 """
@@ -27,11 +25,9 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators import lagged
-from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
-from jgait.estimators.ankle_stride.estimator import control, model_params, standing_prior
-from jgait.estimators.ankle_stride.model import AnkleObservation
-from jgait.estimators.ankle_stride.params import AnkleParams
+from jgait.estimators.ankle_stride.estimator import filtered, standing_prior
+from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING, WINDOW_S, prepare
 from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
@@ -44,7 +40,7 @@ from jgait.notes import record
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides, Values
 
-HOLD_S, LANDING_S, CALM_S = 0.2, 0.25, 0.5
+DURATIONS_S = (0.2, 0.25, 0.5)
 """[s] Durations for which a minimum of the stance rate must stay the lowest to count as the valley, for which the foot
 lands after a swing (valleys before the highest rate in it do not count), and for which the leg turns slowly (see
 `prepare.STANDING`) before it counts as standing."""
@@ -60,7 +56,7 @@ class Worn(NamedTuple):
     mid_shank: Values  #: 1 if the sensor is at mid shank, 0 at the ankle.
     rate_hz: Values  #: sampling rate.
     side: Counts  #: 0 right, 1 left.
-    samples: Counts  #: (4,) `HOLD_S`, `LANDING_S`, `CALM_S` and the half width `WINDOW_S` of a stance in samples.
+    samples: Counts  #: (4,) `DURATIONS_S` and the half width `WINDOW_S` of a stance in samples.
     shift: Values  #: delay of the stance rate relative to the integrated signals, in samples.
     #: one zero for each sample of the filter's lag, for each stored change of the readings, and for those around the
     #: sample that is integrated: their numbers, known when a program is compiled.
@@ -81,12 +77,11 @@ def worn(p: AnkleParams, recording: Recording, side: str) -> Worn:
     hz = recording.sampling_rate_hz
     late, slow = (float(butterworth.delay(cutoff, hz)) for cutoff in (p.cutoff_hz, shank_stance.CUTOFF_HZ))
     shift = max(0, round((slow - late) * hz))
-    hold, *_, reach = samples = [max(1, round(seconds * hz)) for seconds in (HOLD_S, LANDING_S, CALM_S, WINDOW_S)]
-    around = max(1, round(JUMP_S * hz))
+    hold, _, _, reach, around = samples = [max(1, round(seconds * hz)) for seconds in (*DURATIONS_S, WINDOW_S, JUMP_S)]
     sizes = (hold + reach + shift, max(round(late * hz) + around, 2 * around + 1), 2 * around + 1)
     return Worn(
         leg.axes, leg.gyr_bias, leg.still_time, leg.mid_shank, leg.rate_hz, np.asarray(number, np.int32),
-        np.asarray(samples, np.int32), np.asarray(shift, np.int32), tuple(map(np.zeros, sizes)),
+        np.asarray(samples[:4], np.int32), np.asarray(shift, np.int32), tuple(map(np.zeros, sizes)),
     )  # fmt: skip
 
 
@@ -118,22 +113,8 @@ class AnkleDetector(NamedTuple):
     lost: Values  #: time without samples since the stride began [s].
 
 
-class _AnkleEvents(NamedTuple):
-    """What the strides need at the filter's sample: whether it is an instant of standing, not of a valley; whether a
-    swing ends here; the swings since the last instant, and the end of the one before them [s].
-    """
-
-    half: Flags
-    ends: Flags
-    swung: OnlineSwing
-    landed: Values
-
-
-type Filters = tuple[PyTree, ...]
-"""Low-pass sections for the integrated signals, the stance rates and the sagittal rate."""
-
-
-def _filters(p: AnkleParams, worn: Worn) -> Filters:
+def _low_passes(p: AnkleParams, worn: Worn) -> tuple[PyTree, ...]:
+    """Sections for the integrated signals, the stance rates and the sagittal rate."""
     cutoffs = (p.cutoff_hz, shank_stance.CUTOFF_HZ, shank_events.LOBES.cutoff_hz)
     return tuple(butterworth.section(jnp.asarray(hz, worn.axes.dtype), worn.rate_hz) for hz in cutoffs)
 
@@ -149,7 +130,7 @@ def begin(p: AnkleParams, worn: Worn, gyr: Values, acc: Values) -> LaggedState:
     x = _reading(worn, gyr, acc)
     rates = x[:3] - worn.gyr_bias
     zero, none, no = jnp.zeros_like(x[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
-    low_passed = tuple(map(butterworth.at_rest, _filters(p, worn), (x, rates, rates[1])))
+    low_passed = tuple(map(butterworth.at_rest, _low_passes(p, worn), (x, rates, rates[1])))
     lag, changes, _ = (values.shape[-1] for values in worn.lengths)
     history = jnp.concatenate([jnp.zeros((lag, 6), x.dtype) + x[None], jnp.zeros((lag, 4), x.dtype)], axis=1)
     detector = AnkleDetector(
@@ -168,7 +149,7 @@ def _prior(p: AnkleParams, worn: Worn, x: Values) -> Belief:
 
 
 def _seen(
-    worn: Worn, filters: Filters, state: AnkleDetector, gyr: Values, acc: Values, measured: Flags
+    worn: Worn, low_passes: tuple[PyTree, ...], state: AnkleDetector, gyr: Values, acc: Values, measured: Flags
 ) -> tuple[AnkleDetector, Values]:
     """The state after event detection at the newest sample, and the row (10,) for the history."""
     there, (hold, landing, calm, _) = jnp.asarray(measured), worn.samples
@@ -177,7 +158,7 @@ def _seen(
     rates = x[:3] - worn.gyr_bias
     (signals, smooth), (stance, slowly), (sagittal, rate) = (
         butterworth.step(cascade, before, values)
-        for cascade, before, values in zip(filters, state.low_passed, (x, rates, rates[1]), strict=True)
+        for cascade, before, values in zip(low_passes, state.low_passed, (x, rates, rates[1]), strict=True)
     )
     time = index.astype(x.dtype) / worn.rate_hz
     swings, swing_events = shank_events.swing_step(shank_events.LOBES, state.swings, rate, time)
@@ -206,10 +187,10 @@ def _seen(
 
 
 def _decide(
-    worn: Worn, filters: Filters, state: AnkleDetector, sample: tuple[Values, Values, Values]
+    worn: Worn, low_passes: tuple[PyTree, ...], state: AnkleDetector, sample: tuple[Values, Values, Values]
 ) -> tuple[AnkleDetector, LaggedSample]:
     """One sample: detection of swing and stance at the newest sample, and what follows for the filter's sample."""
-    state, newest = _seen(worn, filters, state, *sample)
+    state, newest = _seen(worn, low_passes, state, *sample)
     rows, index = state.history.shape[0], state.index
     row = state.history[index % rows]
     calm = state.history[(index + worn.shift) % rows, 9] > 0.0
@@ -225,7 +206,7 @@ def _decide(
     lost = state.lost + (row[8] > 0.0).astype(row.dtype) / worn.rate_hz
     lagged_sample = LaggedSample(
         row[:6], row[6:8], row[3:6], row[8], lost, stands, state.started, instant,
-        _AnkleEvents(~passed, ends, state.swung, state.landed),
+        (~passed, ends, state.swung, state.landed),
     )  # fmt: skip
     # all rows are written: setting one would be a scatter, which XLA does not compile as a part of a loop
     history = jnp.where(jnp.arange(rows, dtype=index.dtype)[:, None] == index % rows, newest[None], state.history)
@@ -237,18 +218,18 @@ def _decide(
 
 
 def _filtered(p: AnkleParams, signals: LaggedSignals, stands: Flags, belief: Belief) -> filtering.Posterior:
-    return filtering.kalman_filter(
-        ankle_model.MODEL, model_params(p), AnkleObservation(jnp.zeros_like(signals.gyr)),
-        controls=control(p, signals, signals.rates, signals.gyr, signals.acc), dt=signals.dt,
-        mask=AnkleObservation(stands), initial=belief,
-        keep=("mean", "cov", "nis", "count", "valid"),
-    )  # fmt: skip
+    readings, keep = (signals.rates, signals.gyr, signals.acc), ("mean", "cov", "nis", "count", "valid")
+    return filtered(p, signals, readings, stands, belief, DEFAULT._replace(smooth=False), keep).filtered
 
 
 def _strides(
     p: AnkleParams, worn: Worn, at: LaggedSample, motion: LaggedMotion
 ) -> tuple[Strides, Strides, dict[str, Values]]:
-    """The strides that would end at each of the filter's samples (T,), standard deviations, and flags."""
+    """The strides that would end at each of the filter's samples (T,), standard deviations, and flags.
+
+    The events there: whether it is an instant of standing, not of a valley; whether a swing ends; the swings since the
+    last instant, and the end of the one before them [s].
+    """
     mean, (half, ends, swung, landed) = motion.posterior.mean, at.events
     way = ankle_strides.measured(vector(mean.position), ankle_strides.across(motion.posterior.cov))
     here, there = (ankle_strides.Heading(*yaw) for yaw in (motion.here, motion.there))
@@ -266,7 +247,7 @@ def _strides(
 
 
 STEPS = lagged.Steps(
-    lambda p, worn: partial(_decide, worn, _filters(p, worn)), _prior, _filtered,
+    lambda p, worn: partial(_decide, worn, _low_passes(p, worn)), _prior, _filtered,
     lambda posterior: tuple(ankle_strides.heading(posterior.mean, posterior.cov)), _strides, (LOST_RATE, LOST_FORCE),
 )  # fmt: skip
 """What this estimator does with samples."""

@@ -6,7 +6,7 @@ bias. Decisions carry no gradient; given the decisions, `ankle_stride.run` is di
 
 import numpy as np
 
-from jgait.estimators.ankle_stride.inputs import PER_STRIDE, AnkleInputs, AnkleSignals, capacity
+from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals, capacity
 from jgait.estimators.ankle_stride.notes import shank_notes
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
 from jgait.estimators.checks import (
@@ -56,23 +56,9 @@ LOST_RATE, LOST_FORCE = (2.5, 0.2), (5.0, 1e-3)
 moving shanks of three data sets (experiment `damage.gaps`) 0.9 rad/s and 3.2 m/s² over 0.2 s, 1.4 and 3.3 over 0.9 s;
 and half as much again for people who walk faster."""
 
-USUAL_HZ = 35.0
-"""[Hz] Sampling rate below which strides are less certain than their filter states."""
-
 SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
 """Detector of swings that are slower and smaller than those of strides. Of 42 legs of `walking5m`, `tripod` and
 `neura_sparse` none has more than one that is not counted as a stride; in very slow stances the shank moves less."""
-
-MANY_SMALL = 0.1
-"""[1] Number of small swings over that of strides above which a note names them, if there is more than one."""
-
-
-def placement_of(recording: Recording, side: str, site: str = "auto") -> str | None:
-    """The placement whose sensor measures the strides of a side; None if the recording has no such sensor."""
-    for kind in ("ankle", "shank") if site == "auto" else (site,):
-        if f"{kind}_{side}" in recording.sensors:
-            return f"{kind}_{side}"
-    return None
 
 
 def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[AnkleInputs]:
@@ -83,23 +69,21 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
             sampling rate that is not supported.
     """
     check_options(options, KNOWN)
-    worn = {side: placement_of(recording, side, options.site) for side in SIDES}
-    if not any(worn.values()):
-        kinds = ("ankle", "shank") if options.site == "auto" else (options.site,)
+    kinds = ("ankle", "shank") if options.site == "auto" else (options.site,)
+    # the ankle's sensor where there is one
+    names = ((side, f"{kind}_{side}") for side in SIDES for kind in reversed(kinds))
+    worn = {side: name for side, name in names if name in recording.sensors}
+    if not worn:
         wanted = " or ".join(f"'{kind}_{side}'" for kind in kinds for side in SIDES)
         raise RecordingError(f"ankle_stride needs {wanted}; {sensors_of(recording)}")
-    time = _checked(recording, [name for name in worn.values() if name])
+    time = _checked(recording, list(worn.values()))
     legs: dict[str, AnkleSignals | None] = dict.fromkeys(SIDES)
     notes: list[Note] = []
     quality: dict[str, SensorQuality] = {}
     standing = None
     for side, name in worn.items():
-        if name is None:
-            continue
-        placement, note = name, None
-        if name.startswith("shank"):
-            placement, note = shank_axes.worn_on_shank(recording, side)
-            # if labels are exchanged, the other leg's sensor is not checked yet
+        placement, note = shank_axes.worn_on_shank(recording, side) if name.startswith("shank") else (name, None)
+        if placement != name:  # labels are exchanged, and the other leg's sensor is not checked yet
             _checked(recording, [name, placement])
         legs[side], quality[name], leg_notes, still = _leg(
             recording.sensors[placement], time, recording.sampling_rate_hz, name, options
@@ -124,7 +108,7 @@ def _padded(values: np.ndarray) -> np.ndarray:
     return Axis("hold").padded(values, bucket(len(values)) - len(values))
 
 
-def _gentle(values: Values, rate_hz: float) -> np.ndarray:
+def _slow(values: Values, rate_hz: float) -> np.ndarray:
     """The signal (T, 3), low-passed for the search for stances."""
     slow = butterworth.low_pass_both_ways(_padded(as_float(values)), shank_stance.CUTOFF_HZ, float(rate_hz))
     return np.asarray(slow[: len(values)])
@@ -136,23 +120,19 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
     Each swing ends before the next swing begins.
     """
     rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
-    settings = {"machine": shank_events.MACHINE, "paper": shank_events.PAPER}
-    if detector == "swings":
-        swing_events = compiled(shank_events.swings)(_padded(rate), sampling_rate_hz=rate_hz, d=SMALL)
-    else:
-        swing_events = compiled(shank_events.phases)(_padded(rate), sampling_rate_hz=rate_hz, d=settings[detector])
-    there = np.flatnonzero(np.asarray(swing_events.stride)[:count])
-    small = np.zeros(len(there), bool)
-    if detector == "swings":
-        peak, angle = (np.asarray(v)[there] for v in (swing_events.peak, swing_events.angle))
-        small = ~((peak > shank_events.LOBES.threshold) & (angle > shank_events.LOBES.least_angle))
-    there = there[~small]
-    start, end = (
-        np.clip(np.asarray(v)[there] * rate_hz, 0.0, count - 1.0) for v in (swing_events.start, swing_events.end)
-    )
+    detect, settings = {
+        "swings": (shank_events.swings, SMALL), "machine": (shank_events.phases, shank_events.MACHINE),
+        "paper": (shank_events.phases, shank_events.PAPER),
+    }[detector]  # fmt: skip
+    found = compiled(detect)(_padded(rate), sampling_rate_hz=rate_hz, d=settings)
+    there = np.flatnonzero(np.asarray(found.stride)[:count])
+    start, end, peak, angle = (np.asarray(v)[there] for v in (found.start, found.end, found.peak, found.angle))
+    large = (peak > shank_events.LOBES.threshold) & (angle > shank_events.LOBES.least_angle)
+    large |= detector != "swings"
+    start, end = (np.clip(times[large] * rate_hz, 0.0, count - 1.0) for times in (start, end))
     start = np.maximum(start, np.concatenate([[0.0], end[:-1] + 1.0])[: len(end)])
     kept = np.rint(end) > np.rint(start)
-    return start[kept], end[kept], int(small.sum())
+    return start[kept], end[kept], int(np.sum(~large))
 
 
 def _leg(
@@ -165,7 +145,7 @@ def _leg(
     quality = SensorQuality()
     # a range of ±4 g cuts off some 40 m/s² at the shanks of simulated runners
     read = readings(imu, time, clips_above=(4.0, 18.0), doubt=(2.0, 40.0), least=3)
-    lost, gone = read.lost, not_bridged(read.lost, time)
+    lost = read.lost
     still = longest_still(
         imu.gyr, rate_hz, mask=np.asarray(imu.mask, bool), threshold=shank_axes.RESTING, at_least_s=0.5
     )
@@ -180,23 +160,22 @@ def _leg(
         axes = Axes(np.eye(3), 0.0)
     else:
         start, end, small = swings_of(at_rest, axes, rate_hz, options.detector)
-        if small > max(1, MANY_SMALL * len(start)):
+        if small > max(1, 0.1 * len(start)):
             quality = quality._replace(swings=len(start), small_swings=small)
         if abs(axes.asymmetry) < shank_axes.LEAST_ASYMMETRY:
             text = "it swings as fast backwards as forwards: which way is forward is not sure"
             notes.append(FORWARD_UNSURE.note(text, placement=name))
-    slow = _gentle(at_rest.gyr, rate_hz)
-    speed = np.linalg.norm(slow, axis=1)
-    missing = len(start)
+    slow = _slow(at_rest.gyr, rate_hz)
+    speed, swings = np.linalg.norm(slow, axis=1), len(start)
     start, end, stood = _stances(slow @ axes.rows[1], speed, start, end, not_bridged(lost, time, LONGEST_LOSS), rate_hz)
-    missing -= len(start)
+    missing = swings - len(start)
     stands = _standing(stood, speed, rate_hz) & ~lost
     start, end, stood = _kept(stood.rests.all(axis=1), start, end, stood)
     if len(start):
         valleys = stood.end[~stood.standing[:, 1]]
-        axes = shank_axes.stance_up(axes, _gentle(read.acc, rate_hz), valleys if len(valleys) else stood.end)
-    if rate_hz < USUAL_HZ:
-        notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
+        axes = shank_axes.stance_up(axes, _slow(read.acc, rate_hz), valleys if len(valleys) else stood.end)
+    if rate_hz < 35.0:  # strides are less certain than their filter states
+        notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=35.0))
     rests = still if options.standing else None
     if rests is not None:
         off = float(np.linalg.norm(read.acc[slice(*rests)].mean(axis=0))) / GRAVITY - 1.0
@@ -212,9 +191,9 @@ def _leg(
     upright = acc[first : first + max(3, round(2 * WINDOW_S * rate_hz))] if stands.any() else acc
     restart = np.zeros(len(time) + 1)
     restart[stood.begin + 1] = 1.0
-    measured = (
-        (lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS) & ~gone[stood.begin] & ~gone[stood.end]
-    )
+    gone = not_bridged(lost, time)
+    measured = lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS
+    measured &= ~gone[stood.begin] & ~gone[stood.end]
     missing += int((~measured).sum())
     if missing:
         notes.append(STRIDES_MISSING(strides=missing, placement=name, seconds=LONGEST_LOSS))
@@ -227,27 +206,15 @@ def _leg(
     notes += shank_notes(name, quality)
     dt = np.where(index > first, np.diff(time, prepend=time[0]), 0.0)
     over = bridged(lost, time, dt, gyr, acc, LOST_RATE, LOST_FORCE)
+    still_s = 0.0 if rests is None else (rests[1] - rests[0]) / rate_hz
     signals = AnkleSignals(
-        gyr=gyr,
-        acc=acc,
-        gyr_jump=gyr_jump,
-        acc_jump=acc_jump,
-        gyr_doubt=np.maximum(read.gyr_doubt, over.rate),
-        acc_doubt=np.maximum(read.acc_doubt, over.force),
-        stands=stands,
-        restart=restart[: len(time)],
-        dt=over.dt,
-        valid=index >= first,
-        last=np.asarray(len(time) - 1, np.int32),
-        rate_hz=np.asarray(float(rate_hz)),
-        attitude=level(upright.mean(axis=0)),
-        gyr_bias=axes.rows @ bias,
-        still_time=np.asarray(0.0 if rests is None else (rests[1] - rests[0]) / rate_hz),
-        mid_shank=np.asarray(float(name.startswith("shank"))),
-        axes=axes.rows,
-        **_strides(start, end, stood, time, read.gyr_clipped),
-        count=np.asarray(len(start), np.int32),
-    )
+        gyr=gyr, acc=acc, gyr_jump=gyr_jump, acc_jump=acc_jump, gyr_doubt=np.maximum(read.gyr_doubt, over.rate),
+        acc_doubt=np.maximum(read.acc_doubt, over.force), stands=stands, restart=restart[: len(time)], dt=over.dt,
+        valid=index >= first, last=np.asarray(len(time) - 1, np.int32), rate_hz=np.asarray(float(rate_hz)),
+        attitude=level(upright.mean(axis=0)), gyr_bias=axes.rows @ bias, still_time=np.asarray(still_s),
+        mid_shank=np.asarray(float(name.startswith("shank"))), axes=axes.rows,
+        **_strides(start, end, stood, time, read.gyr_clipped), count=np.asarray(len(start), np.int32),
+    )  # fmt: skip
     return signals, quality, notes, still
 
 
@@ -255,16 +222,16 @@ def _stances(
     rate: np.ndarray, speed: np.ndarray, start: np.ndarray, end: np.ndarray, gone: np.ndarray, rate_hz: float
 ) -> tuple[np.ndarray, np.ndarray, shank_stance.ShankStances]:
     """Swings with their stances; each part of the recording between long losses (T,) has its own begin and end."""
-    kept, parts = np.zeros(len(start), bool), []
+    kept = np.zeros(len(start), bool)
+    parts = [shank_stance.ShankStances(*(np.zeros(0, np.int64),) * 2, *(np.zeros((0, 2), bool),) * 2)]
     for first, after in true_runs(~gone):
         inside = (np.rint(start) >= first) & (np.rint(end) < after)
         if inside.any():
             part = slice(first, after)
-            of_part = shank_stance.stances(rate[part], speed[part], start[inside] - first, end[inside] - first, rate_hz)
-            parts.append(of_part._replace(begin=of_part.begin + first, end=of_part.end + first))
+            stood = shank_stance.stances(rate[part], speed[part], start[inside] - first, end[inside] - first, rate_hz)
+            parts.append(stood._replace(begin=stood.begin + first, end=stood.end + first))
             kept |= inside
-    empty = shank_stance.ShankStances(*(np.zeros(0, np.int64),) * 2, *(np.zeros((0, 2), bool),) * 2)
-    stood = shank_stance.ShankStances(*(np.concatenate(columns) for columns in zip(empty, *parts, strict=True)))
+    stood = shank_stance.ShankStances(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     return start[kept], end[kept], stood
 
 
@@ -296,10 +263,11 @@ def _strides(
     """Events and flags of each stride, padded to `capacity` rows."""
     rows, index = capacity(len(time)), np.arange(len(time))
     first, last = (np.rint(values).astype(np.int32) for values in (start, end))
-    clipped = np.array([clips[a : b + 1].any() for a, b in zip(first, last, strict=True)], bool)
-    follows = np.concatenate([[False], stood.begin[1:] == stood.end[:-1]])[: len(first)]
-    columns = (
-        stood.begin.astype(np.int32), stood.end.astype(np.int32), first, last, np.interp(start, index, time),
-        np.interp(end, index, time), stood.standing.any(axis=1), clipped, follows,
-    )  # fmt: skip
-    return {name: np.pad(values, (0, rows - len(values))) for name, values in zip(PER_STRIDE, columns, strict=True)}
+    clipped = np.concatenate([[0], np.cumsum(clips)])
+    columns = {
+        "begin": stood.begin.astype(np.int32), "end": stood.end.astype(np.int32), "swing_begin": first,
+        "swing_end": last, "leaves": np.interp(start, index, time), "lands": np.interp(end, index, time),
+        "half": stood.standing.any(axis=1), "clips": clipped[last + 1] > clipped[first],
+        "follows": np.concatenate([[False], stood.begin[1:] == stood.end[:-1]])[: len(first)],
+    }  # fmt: skip
+    return {name: np.pad(values, (0, rows - len(values))) for name, values in columns.items()}

@@ -2,6 +2,7 @@
 given the events.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from jaxtyping import PyTree
@@ -10,6 +11,7 @@ from jgait.estimators.ankle_stride import length as stride_length
 from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
+from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, TIMING
 from jgait.estimators.sides import entries, picked
 from jgait.estimators.stride_flags import LARGEST_TURN, STAIRS_M
 from jgait.filtering import Covariance
@@ -18,12 +20,6 @@ from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import Vector, root, vector, wrapped
 from jgait.signal import marks
 from jgait.types import Counts, Strides, Values
-
-SHORTEST_STRIDE_M = 0.1
-"""[m] Threshold on the stride length; below it the leg was only shifted, and the stride does not count."""
-
-TIMING = 0.02
-"""[s] Standard deviation of the duration of a stride, for the standard deviation of its speed."""
 
 FARTHEST_OFF = 0.08
 """[m] Largest distance of an estimated lever from that of the parameters, see `off`; chosen above public walks."""
@@ -38,14 +34,11 @@ def from_filter(
     """Strides of one leg (0 right, 1 left) from the states of the filter, their standard deviations, and flags."""
     yaw = heading(state, cov)
     x, y, z, *spread = picked(leg.end, *vector(state.position), *across(cov))
-    way = measured(Vector(x, y, z), tuple(spread))
+    way = measured(Vector(x, y, z), spread)
     here, there = (Heading(*picked(at, *yaw)) for at in (leg.begin, leg.end))
-    strides = from_events(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
-    return (
-        strides,
-        deviations(p, strides, way, here, there, durations(leg)[1]),
-        flags(strides, clipped=leg.clips, half=leg.half),
-    )
+    strides, duration = from_events(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
+    stddev = deviations(p, strides, way, here, there, duration)
+    return strides, stddev, flags(strides, clipped=leg.clips, half=leg.half)
 
 
 class Way(NamedTuple):
@@ -64,13 +57,12 @@ class Heading(NamedTuple):
     variance: Values
 
 
-def across(cov: Covariance) -> tuple[Values, Values, Values, Values]:
+def across(cov: Covariance) -> list[Values]:
     """The entries of a position's covariance that `measured` takes."""
-    xx, xy, yy, zz = entries(cov, "position", ("xx", "xy", "yy", "zz"))
-    return xx, xy, yy, zz
+    return entries(cov, "position", ("xx", "xy", "yy", "zz"))
 
 
-def measured(way: Vector, spread: tuple[Values, Values, Values, Values]) -> Way:
+def measured(way: Vector, spread: Sequence[Values]) -> Way:
     """A stride from the ankle's position at the stride's end, counted from the stride's begin; entries of `across`."""
     length = root(way.x * way.x + way.y * way.y)
     x, y = (part / xp.maximum(length, 1e-6) for part in (way.x, way.y))
@@ -121,7 +113,7 @@ def by_method(
     else:
         swings = stride_length.pendulum(known, raw, swung, dt)
         length = (swings.chord if method == "sl1" else swings.arc)[leg.swing_end]
-    strides = from_events(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
+    strides, _ = from_events(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
     return strides, flags(strides, clipped=leg.clips, half=leg.half)
 
 
@@ -140,35 +132,26 @@ def lever_of(p: AnkleParams, leg: PyTree) -> Vector:
     return Vector(p.lever_forward, p.lever_left, p.lever_ankle + leg.mid_shank * (p.lever_shank - p.lever_ankle))
 
 
-def durations(leg: AnkleSignals) -> tuple[Values, Values]:
-    """Start of each stride, and the duration over which its speed is computed [s].
+def from_events(
+    leg: AnkleSignals, side: Counts, length: Values, height: Values, turn: Values
+) -> tuple[Strides, Values]:
+    """The table of strides from the measured quantities and the decided events, and the duration [s] of each.
 
     A stride starts with the contact that ends the stride before, and lasts from contact to contact. If no stride comes
-    before, the stride starts with the shank's swing, and the speed is over the time from standing to standing.
+    before, the stride starts with the shank's swing, and its speed is over the time from standing to standing.
     """
-    before = xp.concatenate([leg.leaves[:1], leg.lands[:-1]])
-    start = xp.where(leg.follows, before, leg.leaves)
-    stood = (leg.end - leg.begin).astype(leg.lands.dtype) / leg.rate_hz
-    return start, xp.maximum(xp.where(leg.follows, leg.lands - start, stood), 1e-3)
-
-
-def from_events(leg: AnkleSignals, side: Counts, length: Values, height: Values, turn: Values) -> Strides:
-    """The table of strides from the measured quantities and the decided events."""
     there = xp.arange(leg.begin.shape[0], dtype=xp.int32) < leg.count
-    start, duration = durations(leg)
-    return table(side, (start, leg.leaves, leg.lands), duration, length, height, turn, there)
+    start = xp.where(leg.follows, xp.concatenate([leg.leaves[:1], leg.lands[:-1]]), leg.leaves)
+    stood = (leg.end - leg.begin).astype(leg.lands.dtype) / leg.rate_hz
+    duration = xp.maximum(xp.where(leg.follows, leg.lands - start, stood), 1e-3)
+    return table(side, (start, leg.leaves, leg.lands), duration, length, height, turn, there), duration
 
 
 def table(
-    side: Counts,
-    times: tuple[Values, Values, Values],
-    duration: Values,
-    length: Values,
-    height: Values,
-    turn: Values,
-    there: PyTree,
-) -> Strides:
-    """Strides of one leg, or a single stride, from start, final contact and end [s] and the measured quantities."""
+    side: Counts, times: tuple[Values, Values, Values], duration: Values, length: Values, height: Values,
+    turn: Values, there: PyTree,
+) -> Strides:  # fmt: skip
+    """Strides of one leg from start, final contact and end [s] and the measured quantities."""
     start, leaves, lands = times
     return Strides(
         side=xp.full(length.shape, side, xp.int32), start=start, final_contact=leaves, end=lands, length=length,

@@ -1,7 +1,6 @@
 """Foot trajectories and strides from prepared inputs."""
 
-from functools import partial, reduce
-from operator import or_
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -38,12 +37,6 @@ PER_STRIDE = ("stride_nis",)
 CONSTANT_VELOCITY_S = 0.1
 """[s] Time over which the velocity of a standing foot is nearly constant, see `likelihood`."""
 
-FREEDOM = 4.0
-"""[1] Degrees of freedom of the density of an innovation, see `likelihood`."""
-
-LEAST_LOG_FACTOR, MOST = -12.0, 25.0
-"""[1] Limits of the logarithm of the factor on the variance of the zero velocity."""
-
 
 def model_params(p: FootParams) -> FootModelParams:
     """The model's parameters."""
@@ -60,7 +53,7 @@ def velocity_variance(p: FootParams, foot: FootSignals, soft: bool) -> Values:
     exponent = p.noise.log_scale(foot.features)
     if soft:
         exponent = exponent + jax.nn.softplus(-(foot.margin + jnp.log(p.threshold_factor)) / p.softness)
-    return base * jnp.exp(jnp.clip(exponent, LEAST_LOG_FACTOR, MOST))
+    return base * jnp.exp(jnp.clip(exponent, -12.0, 25.0))
 
 
 def controls(p: FootParams, foot: FootSignals, options: FootOptions = DEFAULT) -> FootControl:
@@ -101,17 +94,24 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
     return Belief(belief.mean._replace(acc_bias=foot.acc_bias), cov)
 
 
-def _states(p: FootParams, foot: FootSignals, once: Flags | bool = True, *, options: FootOptions) -> filtering.Inferred:
-    """The states of one foot; zero velocity is observed in stances, of samples that are `once`."""
+def filtered(
+    p: FootParams, foot: FootSignals, stands: Flags, initial: Belief, options: FootOptions,
+    keep: tuple[str, ...] = filtering.SUMMARY,
+) -> filtering.Inferred:  # fmt: skip
+    """The states of one foot whose zero velocity is observed at the samples `stands`; the same offline and online."""
     zero = jnp.zeros_like(foot.gyr)
-    stands = (foot.valid if options.soft else foot.stands & foot.valid) & once
     return filtering.infer(
         foot_model.MODEL, model_params(p), FootObservation(zero, zero[:, 0]), smooth=options.smooth,
         controls=controls(p, foot, options), dt=foot.dt,
         mask=FootObservation(stands, stands if options.level is True else False),
-        method=options.method, initial=prior_of(p, foot),
-        covariance=("position", "velocity", "attitude"),
+        method=options.method, initial=initial, keep=keep, covariance=("position", "velocity", "attitude"),
     )  # fmt: skip
+
+
+def _states(p: FootParams, foot: FootSignals, once: Flags | bool = True, *, options: FootOptions) -> filtering.Inferred:
+    """The states of one foot from its first stance on; zero velocity is observed in samples that are `once`."""
+    stands = (foot.valid if options.soft else foot.stands & foot.valid) & once
+    return filtered(p, foot, stands, prior_of(p, foot), options)
 
 
 def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Estimate:
@@ -123,8 +123,9 @@ def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Es
     """
     feet = _worn(inputs)
     every = _paths(p, stacked(*feet.values()), inputs.time, options)
-    each = {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
-    return _assembled(inputs.time, each)
+    return _assembled(
+        inputs.time, {side: jax.tree.map(lambda leaf, k=number: leaf[k], every) for number, side in enumerate(feet)}
+    )
 
 
 def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Values:
@@ -132,8 +133,8 @@ def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT
 
     The velocity of a standing foot is nearly constant over `CONSTANT_VELOCITY_S`. So one sample in
     `CONSTANT_VELOCITY_S` counts, with the variance of the mean of all; if every sample counted, the most likely foot
-    would not move in stance. The density is Student's t with `FREEDOM` degrees of freedom and the filter's covariance
-    as its scale, so that a few hard landings do not determine the noise.
+    would not move in stance. The density is Student's t with 4 degrees of freedom and the filter's covariance as its
+    scale, so that a few hard landings do not determine the noise.
 
     Source: K. L. Lange, R. J. A. Little and J. M. G. Taylor, "Robust statistical modeling using the t distribution",
     Journal of the American Statistical Association 84(408), 1989.
@@ -145,8 +146,7 @@ def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT
         near = CONSTANT_VELOCITY_S * jnp.sum(jnp.sign(foot.dt)) / jnp.maximum(jnp.sum(foot.dt), CONSTANT_VELOCITY_S)
         less = jnp.sqrt(jnp.maximum(near, 1.0))
         q = p._replace(velocity_noise=p.velocity_noise / less, rate_noise=p.rate_noise / less)
-        posterior = _states(q, foot, first, options=options._replace(smooth=False)).filtered
-        return jnp.sum(posterior.student_t(FREEDOM))
+        return jnp.sum(_states(q, foot, first, options=options._replace(smooth=False)).filtered.student_t(4.0))
 
     return jnp.sum(jax.vmap(foot_likelihood)(stacked(*_worn(inputs).values())))
 
@@ -156,7 +156,7 @@ def _worn(inputs: FootInputs) -> dict[int, FootSignals]:
     return {side: foot for side, foot in enumerate((inputs.right, inputs.left)) if foot is not None}
 
 
-class _Found(NamedTuple):
+class _FootResult(NamedTuple):
     """One foot's path, diagnostics of its filter, distance (T,) [m], and (T,) bool of valid samples."""
 
     path: Path
@@ -165,19 +165,19 @@ class _Found(NamedTuple):
     valid: Flags
 
 
-def _paths(p: FootParams, feet: FootSignals, time: Values, options: FootOptions) -> _Found:
+def _paths(p: FootParams, feet: FootSignals, time: Values, options: FootOptions) -> _FootResult:
     """The paths of some feet along a first axis."""
 
-    def path_of(foot: FootSignals, states: filtering.Inferred) -> _Found:
+    def path_of(foot: FootSignals, states: filtering.Inferred) -> _FootResult:
         path = foot_strides.path_of(p, foot, time, states, flatten=options.level == "auto")
         way = foot_strides.walked(path.strides, foot.count - 1, time)
         diagnostics = {"log_likelihood": states.log_likelihood, "nis": states.nis}
-        return _Found(path, diagnostics, way, foot.valid & foot.known & states.filtered.valid)
+        return _FootResult(path, diagnostics, way, foot.valid & foot.known & states.filtered.valid)
 
     return for_each(path_of, feet, compiled(_states, over=(None, 0))(p, feet, options=options))
 
 
-def _assembled(time: Values, results: dict[int, _Found]) -> Estimate:
+def _assembled(time: Values, results: dict[int, _FootResult]) -> Estimate:
     """The estimate of one or two feet, and of the strides of all of them."""
     feet: list[FootTrajectory | None] = [None, None]
     spread: list[FootTrajectory | None] = [None, None]
@@ -190,11 +190,10 @@ def _assembled(time: Values, results: dict[int, _Found]) -> Estimate:
         sides = np.full(path.nis.shape, side, np.int32)
         tables.append((path.strides._replace(side=sides), path.strides_stddev._replace(side=sides), path.nis))
     strides, deviations, diagnostics["stride_nis"] = jax.tree.map(lambda *rows: xp.concatenate(rows), *tables)
-    ways = [foot.way for foot in results.values()]
-    valid = reduce(or_, [foot.valid for foot in results.values()])
+    ways, valid = (xp.stack([getattr(foot, name) for foot in results.values()]) for name in ("way", "valid"))
     return Estimate(
-        time, Legs(None, None), None, sum(ways[1:], ways[0]) / len(ways), valid, diagnostics,
-        strides, Feet(*feet), Feet(*spread), deviations,
+        time, Legs(None, None), None, xp.mean(ways, axis=0), xp.any(valid, axis=0), diagnostics, strides, Feet(*feet),
+        Feet(*spread), deviations,
     )  # fmt: skip
 
 
@@ -225,34 +224,32 @@ def estimate(p: FootParams, recording: Recording, options: FootOptions = DEFAULT
 
 
 def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
-    """The estimate with footholds, without a drift between the headings of two feet, and with doubts."""
+    """The estimate with footholds, without a drift between the headings of two feet, and with doubts.
+
+    `distance_stddev` (T,) [m]: errors of strides have one cause, so that they add up.
+    """
     feet = _worn(made.inputs)
+    worn = {side: f"foot_{SIDES[side]}" for side in feet}
     footholds = {f"footholds_{SIDES[side]}": foot.foothold[: int(foot.count)] for side, foot in feet.items()}
     result = result._replace(diagnostics={**result.diagnostics, **footholds})
     result = headings.together(result) if made.options.smooth and len(feet) == 2 else result
-    worn = {side: f"foot_{SIDES[side]}" for side in feet}
     cut = cut_off(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
-    walks = set(np.asarray(result.strides.side)[np.asarray(result.strides.valid, bool)].tolist())
+    valid = np.asarray(result.strides.valid, bool)
+    walks = set(np.asarray(result.strides.side)[valid].tolist())
     none = {name: SensorQuality(unusable=True) for side, name in worn.items() if side not in walks}
-    facts = {
+    diagnostics = {
+        **result.diagnostics, "sensors": merged(result.diagnostics["sensors"], cut, none),
         "notes": (*result.diagnostics["notes"], *cut_notes(cut), *(NO_STEPS(placement=name) for name in none)),
-        "sensors": merged(result.diagnostics["sensors"], cut, none),
-    }
-    result = result._replace(diagnostics={**result.diagnostics, **facts})
+    }  # fmt: skip
+    result = result._replace(diagnostics=diagnostics)
     if made.options.soft:  # its noise is tuned, and limits for it are not known
         return result
-    return quality.judged(_with_distance_stddev(result, len(feet)), "foot_ins", of_estimate(result, worn), worn)
-
-
-def _with_distance_stddev(result: Estimate, feet: int) -> Estimate:
-    """The estimate with `distance_stddev` (T,) [m]: errors of strides have one cause, so that they add up."""
-    valid = np.asarray(result.strides.valid, bool)
     length, spread, turn = (as_float(part)[valid] for part in
                             (result.strides.length, result.strides_stddev.length, result.strides.turn))  # fmt: skip
-    turned = as_float(of_turns(length, turn)[1]).sum() / feet
-    way, total = as_float(result.distance), max(float(result.distance[-1]), 1e-9)
-    share = np.hypot(spread.sum() / max(length.sum(), 1e-9), turned / total)
-    return result._replace(diagnostics={**result.diagnostics, "distance_stddev": share * way})
+    way, turned = as_float(result.distance), as_float(of_turns(length, turn)[1]).sum() / len(feet)
+    share = np.hypot(spread.sum() / max(length.sum(), 1e-9), turned / max(float(way[-1]), 1e-9))
+    diagnostics["distance_stddev"] = share * way
+    return quality.judged(result, "foot_ins", of_estimate(result, worn), worn)
 
 
 def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Estimate | None:
@@ -271,5 +268,5 @@ def _in_windows(p: FootParams, inputs: FootInputs, options: FootOptions) -> Esti
             return None
         path, nis, valid = foot_windows.joined(foot, np.asarray(inputs.time), cuts, path_of_window)
         way = foot_strides.walked(path.strides, path.strides.length.shape[0], jnp.asarray(inputs.time))
-        results[side] = _Found(path, {"nis": nis}, way, valid)
+        results[side] = _FootResult(path, {"nis": nis}, way, valid)
     return _assembled(jnp.asarray(inputs.time), results)

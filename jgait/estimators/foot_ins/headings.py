@@ -39,15 +39,6 @@ WIDTH = 0.2
 FEWEST_FOOTHOLDS = 6
 """Fewest footholds of a foot."""
 
-ITERATIONS = 4
-"""Gauss–Newton steps; the angle δ t is small. An optimiser of SciPy takes longer to import than a walk to estimate."""
-
-ALLOWED = 3.0
-"""[1] Largest |δ| in standard deviations that is corrected; beyond it a foot's way is wrong for another reason."""
-
-UNKNOWN = 0.3
-"""[rad] Largest stated deviation of a heading at the end; beyond, one rate for the whole recording is not enough."""
-
 
 class Rates(NamedTuple):
     """Rates of the errors of both headings [rad/s], and the variance of their difference over its prior variance."""
@@ -82,7 +73,7 @@ def rates(
     weight = np.diag([1.0 / prior, 1.0, 0.0, 0.0, 1.0 / WIDTH**2])
     # the constant angle first, in closed form: it may be any; the steps after it are damped by 1 rad
     unknown = np.array([0.0, np.angle(np.sum((right - right.mean()) * np.conj(left - left.mean())))])
-    for _ in range(ITERATIONS):
+    for _ in range(4):  # Gauss–Newton steps; SciPy's optimisers take longer to import than a walk to estimate
         here = turned_way(left, unknown[0] * t + unknown[1])
         later = np.concatenate([[0.0], np.cumsum(0.5j * (t[1:] + t[:-1]) * np.diff(here))])
         ones = np.ones_like(t)
@@ -92,7 +83,7 @@ def rates(
         right_side[0] -= unknown[0] / prior
         unknown = unknown + np.linalg.solve(information, right_side)[:2]
     remaining = float(np.linalg.inv(information)[0, 0]) / prior
-    if abs(unknown[0]) > ALLOWED * np.sqrt(prior):
+    if abs(unknown[0]) > 3.0 * np.sqrt(prior):  # a foot's way is wrong for another reason
         return None
     share = sd[0] ** 2 / prior
     return Rates(share * unknown[0], (share - 1.0) * unknown[0], remaining)
@@ -120,7 +111,8 @@ def together(result: Estimate) -> Estimate:
     if min(len(stands) for stands in steps) < FEWEST_FOOTHOLDS:
         return result
     ends = [float(foot.orientation[stands[-1], 2]) for foot, stands in zip(spread, steps, strict=True)]
-    if not max(ends) <= UNKNOWN or not all(np.isfinite(foot.position).all() for foot in feet):
+    # [rad] beyond, one rate for the whole recording is not enough
+    if not max(ends) <= 0.3 or not all(np.isfinite(foot.position).all() for foot in feet):
         return result
     sd = [np.hypot(end / (time[stands[-1]] - time[stands[0]]), DRIFT) for end, stands in zip(ends, steps, strict=True)]
     drift = rates(time, [_horizontal(foot) for foot in feet], steps, sd)

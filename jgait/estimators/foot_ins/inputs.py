@@ -8,13 +8,10 @@ from jgait.estimators.interface import Axis, Held, Sampled, Times
 from jgait.notes import record
 from jgait.types import Counts, Values
 
-SHORTEST_STANCE_TO_STANCE = 20
-"""[samples] Lower limit of the time between two stances, for the lowest sampling rate; see `capacity`."""
-
 
 def capacity(samples: int) -> int:
-    """Number of rows for footholds in a recording of `samples` samples."""
-    return samples // SHORTEST_STANCE_TO_STANCE + 2
+    """Number of rows for footholds in a recording of `samples` samples; twenty or more are from stance to stance."""
+    return samples // 20 + 2
 
 
 type PerFoothold = Annotated[Values, Axis("hold", capacity)]

@@ -149,7 +149,5 @@ def standing_belief(attitude: Values, gyr_bias: Values, variances: FootError) ->
     return Belief(FootState(zero, zero, attitude, gyr_bias, zero), Covariance.from_variances(variances))
 
 
-MODEL = Model(
-    initial, transition, transition_noise, observation, observation_noise, retract, local,
-)  # fmt: skip
+MODEL = Model(initial, transition, transition_noise, observation, observation_noise, retract, local)
 """State-space model of one foot."""

@@ -1,11 +1,8 @@
 r"""The foot's estimator a sample at a time, in constant memory, for a device that counts strides during the walk.
 
-The filter runs a fixed lag, some 0.15 s, behind the newest sample: half a window of the stance detector, and `HOLD_S`,
-for which the sample of least movement must stay the stillest to be the foothold. At each foothold a stride is known,
-with length, height, turn, contacts and standard deviations.
-
-The host finds the sensor's errors and the axis about which the foot turns from a recording of a walk
-(`worn`).
+The filter of `foot_ins` without its smoother runs a fixed lag, some 0.15 s, behind the newest sample: half a window of
+the stance detector, and `HOLD_S`. At each foothold a stride is known, with length, height, turn, contacts and standard
+deviations. The sensor's errors and the axis about which the foot turns come from a recording of a walk (`worn`).
 
 Deviations from `foot_ins` without smoothing, which knows the whole walk:
     1. The threshold of a stance follows the stances before it, the lower of the last two, not the stance itself.
@@ -29,11 +26,9 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators import lagged
-from jgait.estimators.foot_ins import model as foot_model
-from jgait.estimators.foot_ins.estimator import controls, model_params, prior_of
+from jgait.estimators.foot_ins.estimator import filtered, prior_of
 from jgait.estimators.foot_ins.inputs import FootSignals
-from jgait.estimators.foot_ins.model import FootObservation
-from jgait.estimators.foot_ins.params import FootParams
+from jgait.estimators.foot_ins.params import DEFAULT, FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REST_STEP, STANCE_EDGE_S, prepare
 from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, timed, walks_on
 from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
@@ -49,9 +44,6 @@ from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides
 
 HOLD_S = 0.1
 """[s] Duration for which a sample must stay the stillest to be the foothold."""
-
-LEAST_DEPTH = 0.1
-"""[rad/s] Least unrest of the stances before with which that of a foothold is compared."""
 
 
 class FootWorn(NamedTuple):
@@ -85,19 +77,16 @@ def worn(p: FootParams, recording: Recording, side: str) -> FootWorn:
     hz = 1.0 / float(np.median(np.diff(made.time)))
     half, hold, around = (max(1, round(seconds * hz)) for seconds in (events.WINDOW / 2, HOLD_S, JUMP_S))
     sizes = (2 * half + 1, hold, 2 * around + 1, *(round(seconds * hz) for seconds in events.EROSION))
-    return FootWorn(
-        foot.gyr_bias, foot.acc_bias @ foot.up, foot.still_time, _toes_up(foot), np.asarray(hz),
-        np.asarray(SIDES.index(side), np.int32), tuple(map(np.zeros, sizes)),
-    )  # fmt: skip
-
-
-def _toes_up(foot: FootSignals) -> np.ndarray:
-    """(3,) main axis of the rotation in swing; with its sign the heel rises before the toes in most strides."""
+    # the main axis of the rotation in swing; with its sign the heel rises before the toes in most strides
     gyr, strides = np.asarray(foot.gyr - foot.gyr_bias), slice(int(foot.count) - 1)
     swinging = gyr[~np.asarray(foot.stands)]
     axis = np.linalg.eigh(swinging.T @ swinging)[1][:, -1]
     pitch = np.cumsum(gyr @ axis)
-    return np.asarray(axis * np.sign(np.sum(pitch[foot.initial_contact[strides]] - pitch[foot.final_contact[strides]])))
+    axis *= np.sign(np.sum(pitch[foot.initial_contact[strides]] - pitch[foot.final_contact[strides]]))
+    return FootWorn(
+        foot.gyr_bias, foot.acc_bias @ foot.up, foot.still_time, axis, np.asarray(hz),
+        np.asarray(SIDES.index(side), np.int32), tuple(map(np.zeros, sizes)),
+    )  # fmt: skip
 
 
 class StanceThreshold(NamedTuple):
@@ -116,7 +105,7 @@ class FootSwing(NamedTuple):
     lowest: Values  #: least pitch, at the final contact.
     final: Values  #: its time.
     highest: Values  #: largest pitch since then.
-    initial: Values  #: time at which the pitch has fallen by `events.foot.LANDED` from it.
+    initial: Values  #: time at which the pitch has fallen by `events.foot.LANDED` from it; below 0: it has not.
     stood: Values  #: time of the last sample of the stance before the swing.
     stands: Values  #: time of the first sample of the stance after it.
     lost: Values  #: duration of lost samples.
@@ -135,18 +124,6 @@ class FootDetector(NamedTuple):
     swing: FootSwing  #: what happened since then.
     landed: Values  #: initial contact of the last stride [s]; −∞ before the first.
     restless: Flags  #: bool, the last foothold is far less still than the stances before it.
-
-
-class _FootEvents(NamedTuple):
-    """What the strides need at the filter's sample: its time and the foothold before [s], what happened since then, the
-    initial contact before [s], and whether a foothold beside is far less still than the stances before it.
-    """
-
-    time: Values
-    last: Values
-    swing: FootSwing
-    landed: Values
-    restless: Flags
 
 
 def _sizes(worn: FootWorn) -> tuple[int, ...]:
@@ -189,12 +166,11 @@ def _reading(gyr: Values, acc: Values, measured: Flags) -> Values:
 
 def _prior(p: FootParams, worn: FootWorn, reading: Values) -> Belief:
     """The belief of a foot that stands, with the tilt from the specific force."""
-    force = reading[3:]
-    up = force / jnp.sqrt(jnp.sum(force * force))
+    up = reading[3:] / jnp.sqrt(jnp.sum(reading[3:] ** 2))
     zeros, ones = jnp.zeros_like(up[0]), jnp.ones_like(up[0])
     attitude = as_array(between(vector(up), Vector(zeros, zeros, ones)))
     foot: PyTree = SimpleNamespace(
-        gyr=force, attitude=attitude, gyr_bias=worn.gyr_bias, acc_bias=worn.acc_bias * up, up=up,
+        gyr=up, attitude=attitude, gyr_bias=worn.gyr_bias, acc_bias=worn.acc_bias * up, up=up,
         still_time=worn.still_time,
     )  # fmt: skip
     return prior_of(p, foot).joined()
@@ -213,19 +189,17 @@ def _searched(state: StanceThreshold, value: Values) -> StanceThreshold:
     return StanceThreshold(
         seeking=(state.seeking & ~ends) | begins,
         extreme=jnp.where(ends | begins | beyond, value, state.extreme),
-        depths=jnp.where(valley, jnp.stack([state.depths[1], state.extreme]), state.depths),
+        depths=jnp.where(valley, _pushed(state.depths, state.extreme), state.depths),
     )
 
 
-def _detected(worn: FootWorn, samples: Values, threshold: StanceThreshold) -> tuple[Values, StanceThreshold]:
-    """Unrest at the middle of the newest window, see `events.foot.unrest`, and the search for its valleys."""
-    size = _sizes(worn)[0]
-    rows = samples[-size:]
+def _unrest(worn: FootWorn, samples: Values) -> Values:
+    """Unrest at the middle of the newest window, see `events.foot.unrest`."""
+    rows = samples[-_sizes(worn)[0] :]
     free = rows[:, :3] - worn.gyr_bias[None]
     force = rows[:, 3:6] - jnp.mean(rows[:, 3:6], axis=0)[None]
-    turning, spread = (jnp.sum(values * values) / size for values in (free, force))
-    unrest = jnp.sqrt(turning + spread / JOLT**2)
-    return unrest, _searched(threshold, unrest)
+    turning, spread = (jnp.sum(values * values) / len(rows) for values in (free, force))
+    return jnp.sqrt(turning + spread / JOLT**2)
 
 
 def _largest_changes(readings: Values, window: int, at: int) -> Values:
@@ -254,7 +228,6 @@ def _swung(
         lowest=jnp.where(lower, pitch, swing.lowest),
         final=jnp.where(lower, time, swing.final),
         highest=highest,
-        # a time below 0 says that the pitch has not fallen since it was highest
         initial=jnp.where(higher, -1.0, jnp.where(falls, time, swing.initial)),
         stood=jnp.where(still, time, swing.stood),
         stands=jnp.where(stands & swing.any & (swing.stands <= swing.final), time, swing.stands),
@@ -267,13 +240,15 @@ def _decide(
 ) -> tuple[FootDetector, LaggedSample]:
     """One sample: the detector at the middle of its newest window, and what follows for the filter's sample."""
     gyr, acc, there = sample
-    _, _, change, k, before_end = _sizes(worn)
+    *_, change, k, before_end = _sizes(worn)
     newest = jnp.where(there, _reading(gyr, acc, there), state.samples[-1].at[6].set(1.0))
     index = state.index + 1
     samples = _pushed(state.samples, newest)
-    statistic, threshold = _detected(worn, samples, state.threshold)
-    limit = jnp.maximum(events.STILL, events.ABOVE * jnp.min(threshold.depths))
-    quiet, unrest = _pushed(state.quiet, statistic - limit), _pushed(state.unrest, statistic)
+    statistic = _unrest(worn, samples)
+    threshold = _searched(state.threshold, statistic)
+    depth = jnp.min(threshold.depths)
+    quiet = _pushed(state.quiet, statistic - jnp.maximum(events.STILL, events.ABOVE * depth))
+    unrest = _pushed(state.unrest, statistic)
     # the filter's sample among the stored samples; among the stored values of the detector it is k
     at = samples.shape[0] - 1 - lag(worn)
     row, before = samples[at], samples[at - 1]
@@ -285,21 +260,15 @@ def _decide(
     lasts = time - state.foothold
     ends = swing.any & (stillest | ~goes_on) & (lasts >= events.SHORTEST_STRIDE_S)
     foothold = stands & (~state.started | ends | (~swing.any & (lasts >= REST_STEP)))
-    restless = unrest[k] > events.WORSE * jnp.maximum(jnp.min(threshold.depths), LEAST_DEPTH)
+    restless = unrest[k] > events.WORSE * jnp.maximum(depth, 0.1)  # [rad/s] stances are hardly ever stiller
     lagged_sample = LaggedSample(
         row[:6], _largest_changes(samples[:, :6], change, at), jnp.mean(samples[:, 3:6], axis=0), row[6], swing.lost,
-        stands, state.started, foothold,
-        _FootEvents(time, state.foothold, swing, state.landed, state.restless | restless),
+        stands, state.started, foothold, (time, state.foothold, swing, state.landed, state.restless | restless),
     )  # fmt: skip
-
-    def since(new: PyTree, old: PyTree) -> PyTree:
-        return jax.tree.map(lambda new, old: jnp.where(foothold, new, old), new, old)
-
     landed = jnp.where(swing.any, _landing(swing, time), state.landed)
-    return FootDetector(
-        index, samples, quiet, unrest, threshold, state.started | stands, since(time, state.foothold),
-        since(_not_swung(time), swing), since(landed, state.landed), since(restless, state.restless),
-    ), lagged_sample  # fmt: skip
+    here, old = (time, _not_swung(time), landed, restless), (state.foothold, swing, state.landed, state.restless)
+    since = jax.tree.map(lambda new, old: jnp.where(foothold, new, old), here, old)
+    return FootDetector(index, samples, quiet, unrest, threshold, state.started | stands, *since), lagged_sample
 
 
 def _landing(swing: FootSwing, time: Values) -> Values:
@@ -309,15 +278,11 @@ def _landing(swing: FootSwing, time: Values) -> Values:
 
 def _filtered(p: FootParams, signals: LaggedSignals, stands: Flags, belief: Belief) -> filtering.Posterior:
     free = signals.rates - signals.gyr_bias[None]
-    now: PyTree = SimpleNamespace(
+    foot: PyTree = SimpleNamespace(
         **signals._asdict(), rate=jnp.sqrt(jnp.sum(free**2, axis=1)), features=jnp.zeros_like(free[:, :1])
     )
-    zero = jnp.zeros_like(signals.gyr)
-    return filtering.kalman_filter(
-        foot_model.MODEL, model_params(p), FootObservation(zero, zero[:, 0]),
-        controls=controls(p, now), dt=signals.dt, mask=FootObservation(stands, False),
-        initial=belief, keep=("mean", "cov", "nis", "count", "valid"),
-    )  # fmt: skip
+    keep = ("mean", "cov", "nis", "count", "valid")
+    return filtered(p, foot, stands, belief, DEFAULT._replace(smooth=False), keep).filtered
 
 
 def _heading(posterior: filtering.Posterior) -> tuple[Values, Values]:
@@ -345,8 +310,7 @@ def _strides(
     follows, yaw = walks_on(landed, swing.final, initial), motion.there[1] - motion.here[1]
     strides, stddev = timed(p, known, way, spread, landed, follows, yaw, motion.nis, jnp.zeros_like(length))
     strides, stddev, doubtful = lagged.judged("foot_ins", strides, stddev, motion.nis)
-    doubtful = doubtful | restless
-    return strides, stddev, {"doubtful": doubtful & strides.valid}
+    return strides, stddev, {"doubtful": (doubtful | restless) & strides.valid}
 
 
 STEPS = lagged.Steps(

@@ -37,9 +37,6 @@ from jgait.types import SIDES, Imu, Recording, RecordingError
 SLOWEST_HZ = 45.0
 """[Hz] Lowest sampling rate; a lower rate does not sample the jolt of a heel strike, which lasts some 30 ms."""
 
-OFF_SCALE = 0.12
-"""[1] Largest relative difference of the specific force at rest from gravity; a larger one raises an error."""
-
 LOST_RATE, LOST_FORCE = (0.3, 1e-3), (3.3, 1e-3)
 """([rad/s], [s]), ([m/s²], [s]) Error of linear interpolation over lost samples, see `bridged`; less than on feet
 of five data sets (experiment `damage.gaps`: 1.4 rad/s and 5.5 m/s² over 0.2 s). With those values the filter explained
@@ -48,9 +45,6 @@ innovation."""
 
 REST_STEP = 20.0
 """[s] Time between the footholds of a foot at rest."""
-
-NEVER = -20.0
-"""[1] Margin of a sample that is lost: its zero velocity gets no weight."""
 
 STANCE_EDGE_S = 0.3
 """[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
@@ -64,14 +58,6 @@ NEVER_RESTS = Kind(
 )
 
 
-def worn_sides(recording: Recording) -> tuple[str, ...]:
-    """The sides with a foot sensor. Raises RecordingError if neither foot has a sensor."""
-    sides = tuple(side for side in SIDES if f"foot_{side}" in recording.sensors)
-    if not sides:
-        raise RecordingError(f"foot_ins needs 'foot_right' or 'foot_left'; {sensors_of(recording)}")
-    return sides
-
-
 def prepare(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[FootInputs]:
     """The inputs of `foot_ins.run` for a recording of one or both feet on one clock.
 
@@ -79,27 +65,23 @@ def prepare(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[Fo
         RecordingError: no foot sensor, clocks that differ, no accelerometer, NaN, sampling rate too low, wrong unit,
             or no stance of a foot.
     """
-    sides = worn_sides(recording)
-    time = checked_clock(recording, sides)
+    worn = {side: f"foot_{side}" for side in SIDES if f"foot_{side}" in recording.sensors}
+    if not worn:
+        raise RecordingError(f"foot_ins needs 'foot_right' or 'foot_left'; {sensors_of(recording)}")
+    time = common_time(recording, list(worn.values()), "foot_ins", "both feet")
+    rate = 1.0 / float(np.median(np.diff(time)))
+    if rate < 0.99 * SLOWEST_HZ:  # a clock is a little off its nominal rate
+        raise RecordingError(f"foot_ins needs {SLOWEST_HZ:g} Hz or more; the recording has {rate:.1f} Hz")
     feet: dict[str, FootSignals | None] = dict.fromkeys(SIDES)
     notes: list[Note] = []
     quality: dict[str, SensorQuality] = {}
     standing = None
-    for side, name in zip(sides, (f"foot_{side}" for side in sides), strict=True):
+    for side, name in worn.items():
         feet[side], quality[name], foot_notes, rests = _foot(recording.sensors[name], time, name, recording.moves or ())
         notes += foot_notes
         standing = rests if standing is None else standing
     inputs = FootInputs(time, feet["right"], feet["left"])
     return Prepared(inputs, options, tuple(notes), standing, quality=quality)
-
-
-def checked_clock(recording: Recording, sides: tuple[str, ...]) -> np.ndarray:
-    """The common time of all feet; the signals are checked as well."""
-    time = common_time(recording, [f"foot_{side}" for side in sides], "foot_ins", "both feet")
-    rate = 1.0 / float(np.median(np.diff(time)))
-    if rate < 0.99 * SLOWEST_HZ:  # a clock is a little off its nominal rate
-        raise RecordingError(f"foot_ins needs {SLOWEST_HZ:g} Hz or more; the recording has {rate:.1f} Hz")
-    return time
 
 
 def _foot(
@@ -126,8 +108,8 @@ def _foot(
             f"swings; its lowest rate is {lowest:.2f} rad/s"
         )
     stands = events.inside(stances, len(gyr)) & ~lost
-    margin = events.margin(free, acc, stances, hz)
-    margin = np.where(lost, NEVER, np.clip(margin, NEVER, -NEVER))
+    # the zero velocity of a lost sample gets no weight
+    margin = np.where(lost, -20.0, np.clip(events.margin(free, acc, stances, hz), -20.0, 20.0))
     notes += read.notes(name)
     bad = lost | read.acc_clipped | read.gyr_clipped
     factor, deviation = gyroscope_scale(free, acc, stances.stillest, bad, hz) or (1.0, 1.0)
@@ -149,34 +131,20 @@ def _foot(
         notes.append(STRIDES_MISSING(strides=quality.strides_missing, placement=name, seconds=LONGEST_LOSS))
     first = int(np.flatnonzero(stands)[0]) if stands.any() else int(stances.stillest[0])
     up = acc[first : min(max(stances.end[0], first + 1), first + int(hz))].mean(axis=0)
-    jumped = jumps(gyr, acc, hz)
-    dt = np.where(np.arange(len(time)) > first, step, 0.0)
-    over = bridged(lost, time, dt, gyr, acc, LOST_RATE, LOST_FORCE)
+    vertical, jumped = up / np.linalg.norm(up), jumps(gyr, acc, hz)
+    over = bridged(lost, time, np.where(np.arange(len(time)) > first, step, 0.0), gyr, acc, LOST_RATE, LOST_FORCE)
     restart = np.zeros(len(time) + 1)
     restart[stances.stillest + 1] = 1.0
     signals = FootSignals(
-        gyr=mean_over_interval(gyr),
-        acc=mean_over_interval(acc),
-        gyr_jump=jumped[0],
-        acc_jump=jumped[1],
-        gyr_doubt=np.maximum(read.gyr_doubt, over.rate),
-        acc_doubt=np.maximum(read.acc_doubt, over.force),
-        rate=np.linalg.norm(free, axis=1),
-        stands=stands,
-        margin=margin,
-        features=features(free, acc, jumped, stands, bad, hz),
-        restart=restart[: len(time)],
-        dt=over.dt,
-        valid=np.arange(len(time)) >= first,
-        attitude=level(up),
-        gyr_bias=at_rest.gyr_bias,
-        acc_bias=acc_bias * up / np.linalg.norm(up),
-        up=up / np.linalg.norm(up),
-        still_time=np.asarray(max(at_rest.time, 0.05)),
-        whole=np.pad(whole, (0, capacity(len(time)) - len(whole))),
-        known=known,
+        gyr=mean_over_interval(gyr), acc=mean_over_interval(acc), gyr_jump=jumped[0], acc_jump=jumped[1],
+        gyr_doubt=np.maximum(read.gyr_doubt, over.rate), acc_doubt=np.maximum(read.acc_doubt, over.force),
+        rate=np.linalg.norm(free, axis=1), stands=stands, margin=margin,
+        features=features(free, acc, jumped, stands, bad, hz), restart=restart[: len(time)], dt=over.dt,
+        valid=np.arange(len(time)) >= first, attitude=level(up), gyr_bias=at_rest.gyr_bias,
+        acc_bias=acc_bias * vertical, up=vertical, still_time=np.asarray(max(at_rest.time, 0.05)),
+        whole=np.pad(whole, (0, capacity(len(time)) - len(whole))), known=known,
         **_footholds(free, stances, hz, len(time)),
-    )
+    )  # fmt: skip
     longest = max(at_rest.windows, key=lambda window: window[1] - window[0], default=None)
     return signals, quality, notes, longest
 
@@ -191,7 +159,7 @@ def bias_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> float:
         notes.append(NEVER_RESTS(placement=name))
         return 0.0
     off = at_rest.force / GRAVITY - 1.0
-    if abs(off) > OFF_SCALE:
+    if abs(off) > 0.12:
         raise RecordingError(
             f"acc of '{name}' must read {GRAVITY:.2f} m/s² at rest; it reads {at_rest.force:.3g}: another unit, or a "
             "sensor that was moved while the rate was low"
@@ -206,14 +174,13 @@ def bias_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> float:
 def _more_footholds(stances: events.Stances, hz: float) -> events.Stances:
     """Add a foothold every `REST_STEP` to a long stance; their strides have no length and are invalid."""
     step = int(REST_STEP * hz)
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for start, end, stillest, rate in zip(*stances, strict=True):
         more = [k for k in range(start + step, end - step, step) if abs(k - stillest) >= step]
         places = sorted({int(stillest), *more})
         cuts = [start, *(int(0.5 * (a + b)) for a, b in itertools.pairwise(places)), end]
         rows += [(a, b, at, rate) for a, b, at in zip(cuts[:-1], cuts[1:], places, strict=True)]
-    columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return events.Stances(*columns)
+    return events.Stances(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def _measured(stances: events.Stances, gone: np.ndarray) -> events.Stances:

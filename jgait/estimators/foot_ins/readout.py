@@ -12,31 +12,21 @@ from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Covariance, Inferred
 from jgait.geometry.arrays import interpolated, put, xp
 from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated, turned, yawed
-from jgait.geometry.vectors import Vector, as_array, root, vector, wrapped
+from jgait.geometry.vectors import Vector, root, vector, wrapped
 from jgait.quality.stride import nis_between
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST_STRIDE_M = 0.1
 """[m] Smallest length of a stride; a shorter one is a foot that is lifted and set down in place."""
 
-STRAIGHT_FROM = 0.4
-"""[m] Strides of this length and more show the forward direction of the foot; all do, if none is as long."""
-
 TURN_NOISE = 0.04
 """[m/rad] Error of a stride's length over its turn: the place about which a foot turns on the ground is not known."""
-
-LEAST_NIS = 0.05
-"""[1] A smaller NIS of a stride counts as this one, which is that of good strides."""
 
 KNOWN = 0.07
 """[m] Largest standard deviation by the filter among the strides with which `stated` was chosen."""
 
 TIMING = 0.02
 """[s] Standard deviation of the duration of a stride, from 15 ms for each of its two contacts."""
-
-LONG_STANCE = 4.0
-"""[1] A stance longer than `PAUSE_S` and this number of swings is standing, from which the next stride starts; in
-shuffling, a stance lasts three swings."""
 
 LEVEL_BELOW, AROUND = 0.04, 2
 """[m], [1] Limits of level ground: the median rise of a stride and of so many before and after it. In the level
@@ -65,15 +55,15 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     position, attitude = vector(state.position), quaternion(state.attitude)
     here, there = foot.foothold[:-1], foot.foothold[1:]
     real = xp.arange(here.shape[0], dtype=xp.int32) < foot.count - 1
-    way = _at(position, there)
+    way = Vector(*picked(there, *position))
     length = root(way.x * way.x + way.y * way.y)
     valid = real & (length > SHORTEST_STRIDE_M) & foot.whole[:-1]
     forward = _forward(attitude, way, length, here, valid)
     first = xp.argmax(valid)  # the first row if none is valid
     heading = xp.arctan2(way.y[first], way.x[first])
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
-    strides, deviations = _strides(p, foot, time, (position.z, attitude), cov, forward, way, length, valid, nis)
-    tilted = rotated(attitude, _spread(forward, attitude.w))
+    ahead = rotated(attitude, Vector(*(xp.broadcast_to(part, time.shape) for part in forward)))
+    strides, deviations = _strides(p, foot, time, (position.z, ahead), cov, way, length, valid, nis)
     way_since = _accumulated(position, foot)
     if flatten:
         way_since = way_since._replace(z=_flattened(way_since.z, foot, time, strides))
@@ -81,18 +71,10 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     since = turned(xp.stack(way_since, axis=1), -heading)
     since = since + xp.stack(rotated(quaternion(orientation), p.tracked_point), axis=1)
     start = since[foot.foothold[0]]
-    trajectory = FootTrajectory(
-        position=xp.where(foot.valid[:, None], since - start[None, :], xp.zeros_like(since)),
-        velocity=turned(state.velocity, -heading),
-        orientation=orientation,
-    )
-    spread = cov.stddev()
-    deviation = FootTrajectory(
-        *(as_array(_rotated_stddev(cov, part, heading, vector(getattr(spread, part))))
-          for part in ("position", "velocity", "attitude"))
-    )  # fmt: skip
-    return Path(trajectory, deviation, strides, deviations, xp.arcsin(xp.clip(tilted.z, -1.0, 1.0)),
-                nis)  # fmt: skip
+    placed = xp.where(foot.valid[:, None], since - start[None, :], xp.zeros_like(since))
+    trajectory = FootTrajectory(placed, turned(state.velocity, -heading), orientation)
+    deviation = FootTrajectory(*(_rotated_stddev(cov, part, heading) for part in ("position", "velocity", "attitude")))
+    return Path(trajectory, deviation, strides, deviations, xp.arcsin(xp.clip(ahead.z, -1.0, 1.0)), nis)
 
 
 def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
@@ -109,19 +91,21 @@ def walked(strides: Strides, rows: PyTree, time: Values) -> Values:
 
 
 def _strides(
-    p: FootParams, foot: FootSignals, time: Values, state: tuple[Values, Quaternion], cov: Covariance, forward: Vector,
+    p: FootParams, foot: FootSignals, time: Values, state: tuple[Values, Vector], cov: Covariance,
     way: Vector, length: Values, valid: Flags, nis: Values,
 ) -> tuple[Strides, Strides]:  # fmt: skip
     """Strides of one foot and their standard deviations, from the way and its length between footholds.
 
-    `state` are heights (T,) [m] and attitudes.
+    `state` are heights (T,) [m] and forward directions of the foot in the world.
     """
-    height, attitude = state
+    height, axis = state
     here, there = foot.foothold[:-1], foot.foothold[1:]
     spread = entries(cov, "position", ("xx", "xy", "yy", "zz"))
-    axis = rotated(attitude, _spread(forward, attitude.w))
     pitch, yaw = xp.arcsin(xp.clip(axis.z, -1.0, 1.0)), xp.arctan2(axis.y, axis.x)
-    signals = (pitch, yaw, *entries(cov, "attitude", ("zz",)), root(_across(cov, axis)), time)
+    norm = xp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
+    x, y = -axis.y / norm, axis.x / norm  # of the horizontal axis to the left of the foot's front
+    xx, yy, xy, zz = entries(cov, "attitude", ("xx", "yy", "xy", "zz"))
+    signals = (pitch, yaw, zz, root(x * x * xx + 2.0 * x * y * xy + y * y * yy), time)
     standing_pitch, yaw_here, variance_here, *_ = picked(here, *signals)
     *between, next_pitch, yaw_there, variance_there, _, _ = picked(there, *spread, *signals)
     push_off, _, _, push_off_sd, leaves = picked(foot.final_contact[:-1], *signals)
@@ -143,8 +127,11 @@ def _strides(
 
 
 def walks_on(landed: Values, leaves: Values, touches: Values) -> Flags:
-    """True if the stance from `landed` until the foot `leaves`, before it `touches` again [s], is part of walking."""
-    return leaves - landed <= xp.maximum(PAUSE_S, LONG_STANCE * (touches - leaves))
+    """True if the stance from `landed` until the foot `leaves`, before it `touches` again [s], is part of walking.
+
+    A stance longer than `PAUSE_S` and four swings is standing; in shuffling, a stance lasts three swings.
+    """
+    return leaves - landed <= xp.maximum(PAUSE_S, 4.0 * (touches - leaves))
 
 
 def timed(
@@ -199,7 +186,7 @@ def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> V
 
     The noise of the zero velocity is that of errors which stay the same over a stance. Most stances are better, so that
     the filter's variance v is too large. NIS shows by how much: of 1024 strides of four sets, the squared error over v
-    goes as √NIS, from `LEAST_NIS` to 2; exponents fitted without one of the sets are .52 to .69. The part of v above
+    goes as √NIS, from 0.05 to 2; exponents fitted without one of the sets are .52 to .69. The part of v above
     `KNOWN`², as after seconds without a stance, and the `unmeasured` part are not reduced, because stances do not show
     them.
 
@@ -209,7 +196,7 @@ def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> V
         turn: (n,) [rad].
         unmeasured: (n,) the part of the variance by forces that were not measured [m²].
     """
-    less = 1.0 - xp.sqrt(xp.clip(nis, LEAST_NIS, 1.0))
+    less = 1.0 - xp.sqrt(xp.clip(nis, 0.05, 1.0))
     corrected = variance * xp.maximum(nis, 1.0) - xp.clip(variance - unmeasured, 0.0, KNOWN**2) * less
     return root(corrected + (TURN_NOISE * turn) ** 2)
 
@@ -255,12 +242,12 @@ def _lift(height: Values, foot: FootSignals, rise: Values) -> Values:
 def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, valid: Flags) -> Vector:
     """Forward direction of the foot in sensor axes: mean direction of its strides, at the stance before each stride.
 
-    Without a valid stride it is the sensor's x axis.
+    Strides of 0.4 m and more show it; all do, if none is as long. Without a valid stride it is the sensor's x axis.
     """
     unit = xp.maximum(length, SHORTEST_STRIDE_M)
     ahead = Vector(way.x / unit, way.y / unit, xp.zeros_like(way.x))
-    forward = rotated(conjugate(_at(attitude, here)), ahead)
-    straight = valid & (length > STRAIGHT_FROM)
+    forward = rotated(conjugate(Quaternion(*picked(here, *attitude))), ahead)
+    straight = valid & (length > 0.4)
     used = xp.where(xp.any(straight), straight, valid)
     mean = Vector(*(xp.sum(xp.where(used, part, 0.0)) for part in forward))
     mean = mean._replace(x=xp.where(xp.any(used), mean.x, 1.0))
@@ -275,25 +262,9 @@ def _accumulated(position: Vector, foot: FootSignals) -> Vector:
     return Vector(*(part + begun[:, axis] for axis, part in enumerate(position)))
 
 
-def _rotated_stddev(cov: Covariance, part: str, heading: Values, spread: Vector) -> Vector:
-    """Standard deviations along axes of the world that are turned by the heading."""
+def _rotated_stddev(cov: Covariance, part: str, heading: Values) -> Values:
+    """Standard deviations (T, 3) along axes of the world that are turned by the heading."""
     c, s = xp.cos(heading), xp.sin(heading)
-    xx, yy, xy = entries(cov, part, ("xx", "yy", "xy"))
-    return Vector(root(c * c * xx + 2 * c * s * xy + s * s * yy), root(s * s * xx - 2 * c * s * xy + c * c * yy),
-                  spread.z)  # fmt: skip
-
-
-def _across(cov: Covariance, axis: Vector) -> Values:
-    """Variance of the rotation about the horizontal axis to the left of the foot's front (T,) [rad²]."""
-    norm = xp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
-    x, y = -axis.y / norm, axis.x / norm
-    xx, yy, xy = entries(cov, "attitude", ("xx", "yy", "xy"))
-    return x * x * xx + 2.0 * x * y * xy + y * y * yy
-
-
-def _at(values: PyTree, index: PyTree) -> PyTree:
-    return type(values)(*picked(index, *values))
-
-
-def _spread(v: Vector, like: Values) -> Vector:
-    return Vector(*(xp.broadcast_to(part, like.shape) for part in v))
+    xx, yy, xy, zz = entries(cov, part, ("xx", "yy", "xy", "zz"))
+    cross = 2 * c * s * xy
+    return root(xp.stack([c * c * xx + cross + s * s * yy, s * s * xx - cross + c * c * yy, zz], axis=-1))

@@ -16,25 +16,10 @@ import numpy as np
 from jgait.geometry.rotation import Quaternion, conjugate, integrated, rotated
 from jgait.geometry.vectors import GRAVITY, as_array, vector
 
-SHORTEST_S, LONGEST_S = 0.5, 2.5
-"""[s] Limits of the strides that count."""
-
-FEWEST_STRIDES, MOST = 5, 200
-"""[1] Least number of strides, and largest number of those that are integrated, evenly spread over a longer walk."""
-
-MOST_BAD = 0.1
-"""[1] Largest share of a stride's samples that were not measured or are clipped; chosen."""
-
 OFF_FROM, SCALES = 2.0, 0.03
 """[1] Least size of the logarithm of the scale over its deviation that is noted, chosen so that none of 52 shoes of
 public sets is noted as measured (`experiments.unseen2.scales`); and deviation of the scale where all strides end at
 rest: of a gyroscope, and by rates that are sampled 50 times a second, whose peaks are lower."""
-
-STEP, NEWTON_STEPS, WITHIN = 0.05, 2, (0.3, 3.0)
-"""[1] Change of s over which v is differentiated, number of Newton's steps, and limits of s; chosen."""
-
-AROUND_S = 0.03
-"""[s] Half of the time about a foothold in which the specific force points up."""
 
 
 def gyroscope_scale(
@@ -51,33 +36,30 @@ def gyroscope_scale(
         hz: sampling rate [Hz].
     """
     first, last = footholds[:-1], footholds[1:]
-    so_far = np.concatenate([[0], np.cumsum(bad)])
-    seconds = (last - first) / hz
-    good = so_far[last + 1] - so_far[first] <= MOST_BAD * (last - first)
-    counts = (seconds > SHORTEST_S) & (seconds < LONGEST_S) & good
-    if counts.sum() < FEWEST_STRIDES:
+    seconds, so_far = (last - first) / hz, np.concatenate([[0], np.cumsum(bad)])
+    good = so_far[last + 1] - so_far[first] <= 0.1 * (last - first)
+    at = np.flatnonzero((seconds > 0.5) & (seconds < 2.5) & good)
+    if len(at) < 5:
         return None
-    at = np.flatnonzero(counts)
-    at = at[np.linspace(0.0, len(at) - 1.0, min(len(at), MOST)).round().astype(int)]
-    first, last, seconds = first[at], last[at], seconds[at]
-    width = max(round(AROUND_S * hz), 1)
+    at = at[np.linspace(0.0, len(at) - 1.0, min(len(at), 200)).round().astype(int)]
+    first, last, seconds = first[at], last[at], seconds[at, None]
+    width = max(round(0.03 * hz), 1)
     up = np.stack([acc[max(at - width, 0) : at + width + 1].mean(axis=0) for at in first])
     size = np.linalg.norm(up, axis=1, keepdims=True)
-    scale = 1.0
-    for _ in range(NEWTON_STEPS):
-        # the specific force in units of that at the foothold, which has no scale then
-        gained = [_gained(factor * gyr, acc, first, last, hz) / size for factor in (scale, scale + STEP)]
-        rest, other = (GRAVITY * (velocity - up / size * seconds[:, None]) for velocity in gained)
-        slope = (other - rest) / STEP
+
+    def at_rest(factor: float) -> np.ndarray:
+        """(n, 3) velocity at the next foothold [m/s], where the force at the first one is gravity, and has no scale."""
+        attitude, force = integrated(factor * gyr, acc, hz)
+        back = conjugate(Quaternion(*(part[first] for part in attitude)))
+        gained = as_array(rotated(back, vector(force[last] - force[first])))
+        return np.asarray(GRAVITY * (gained - up * seconds) / size)
+
+    scale, step = 1.0, 0.05
+    for _ in range(2):  # Newton's steps
+        rest = at_rest(scale)
+        slope = (at_rest(scale + step) - rest) / step
         effect = np.maximum(np.sum(slope * slope, axis=1), 1e-9)
         more = -np.sum(rest * slope, axis=1) / effect
         across = np.linalg.norm(rest + more[:, None] * slope, axis=1) / np.sqrt(effect)
-        scale = float(np.clip(scale + np.median(more), *WITHIN))
+        scale = float(np.clip(scale + np.median(more), 0.3, 3.0))
     return scale, float(np.hypot(SCALES, np.median(across) / scale))
-
-
-def _gained(gyr: np.ndarray, acc: np.ndarray, first: np.ndarray, last: np.ndarray, hz: float) -> np.ndarray:
-    """(n, 3) integral of the specific force from one sample to another, in axes of the first [m/s]."""
-    attitude, force = integrated(gyr, acc, hz)
-    back = conjugate(Quaternion(*(part[first] for part in attitude)))
-    return np.asarray(as_array(rotated(back, vector(force[last] - force[first]))))

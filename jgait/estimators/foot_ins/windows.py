@@ -24,13 +24,8 @@ from jgait.estimators.interface import Axis, axes_of
 from jgait.geometry.rotation import level, turned, yawed
 from jgait.types import FootTrajectory, Values
 
-WINDOW = 2**16
-"""[samples] Length of a window; five and a half minutes at 200 Hz."""
-
-OVERLAP = 4096
-"""[samples] Overlap of two windows; some twenty strides at 200 Hz."""
-
-_TIMES = ("start", "final_contact", "end", "standing", "standing_end")
+WINDOW, OVERLAP = 2**16, 4096
+"""[samples] Length of a window, five and a half minutes at 200 Hz, and of the overlap of two, some twenty strides."""
 
 
 class Window(NamedTuple):
@@ -63,31 +58,25 @@ def windows(foot: FootSignals, samples: int) -> list[Window] | None:
         after = int(np.searchsorted(holds, holds[join] - OVERLAP // 2)) if join else 0
         if join <= begin or after <= begin or join >= end:
             return None
-        last = int(holds[join])
-        cuts.append(Window(start, start + WINDOW, first, last, np.arange(begin, end), joins))
-        begin, first, joins = after, last, join
+        cuts.append(Window(start, start + WINDOW, first, int(holds[join]), np.arange(begin, end), joins))
+        begin, first, joins = after, int(holds[join]), join
 
 
 def cut(foot: FootSignals, window: Window) -> FootSignals:
     """The inputs of one window, padded to the size of all windows."""
     part = slice(window.start, window.stop)
-    missing = WINDOW - (window.stop - window.start)
-    rows = capacity(WINDOW)
     fields: dict[str, Any] = {}
     for name, axis in axes_of(FootSignals).items():
-        values = np.asarray(getattr(foot, name))
-        if axis is None:
-            fields[name] = values
-        elif axis.length is capacity:
+        fields[name] = values = np.asarray(getattr(foot, name))
+        if axis is not None and axis.length is capacity:
             inside = values[window.holds]
             if name != "whole":
                 inside = np.clip(inside - window.start, 0, WINDOW - 1).astype(np.int32)
-            fields[name] = axis.padded(inside, rows - len(inside))
-        else:
-            fields[name] = axis.padded(values[part], missing)
+            fields[name] = axis.padded(inside, capacity(WINDOW) - len(inside))
+        elif axis is not None:
+            fields[name] = axis.padded(values[part], WINDOW - (window.stop - window.start))
     fields["count"] = np.asarray(len(window.holds), np.int32)
-    if window.start:
-        at = window.start
+    if at := window.start:
         up = np.asarray(foot.acc)[max(at - 2, 0) : at + 3].mean(axis=0) - foot.acc_bias
         fields |= {"attitude": level(up), "up": up / np.linalg.norm(up)}
         fields["dt"] = np.concatenate([[0.0], fields["dt"][1:]])
@@ -112,50 +101,49 @@ def joined(
         window_time = time[window.start : window.stop]
         seconds = window_time - window_time[0]
         padded = single(Axis("onwards").padded(seconds, WINDOW - seconds.size))
-        path, nis, valid = estimate(cut(foot, window), padded)
         path, nis, valid = jax.tree.map(
-            lambda v: np.asarray(v, time.dtype if v.dtype.kind == "f" else None), (path, nis, valid)
+            lambda v: np.asarray(v, time.dtype if v.dtype.kind == "f" else None), estimate(cut(foot, window), padded)
         )
         between = 0.5 * (seconds[1:] + seconds[:-1])
-        later = {name: window_time[np.searchsorted(between, getattr(path.strides, name))] for name in _TIMES}
+        times = ("start", "final_contact", "end", "standing", "standing_end")
+        later = {name: window_time[np.searchsorted(between, getattr(path.strides, name))] for name in times}
         return path._replace(strides=path.strides._replace(**later)), nis, valid
 
     with ThreadPoolExecutor(max_workers=min(len(parts), os.cpu_count() or 1)) as pool:
         results = list(pool.map(estimate_window, parts))
-    return _together(results, parts)
-
-
-def _together(results: list[PyTree], parts: list[Window]) -> tuple[Path, float, np.ndarray]:
-    pieces: list[tuple[Path, np.ndarray]] = []
-    # position and attitude at the last join, and deviation of the heading there [rad]
-    join: tuple[np.ndarray, np.ndarray, float] | None = None
-    for number, ((path, _, valid), window) in enumerate(zip(results, parts, strict=True)):
-        position, velocity, orientation = path.trajectory
-        of_heading = path.stddev.orientation[:, 2] ** 2
-        here, end = window.first - window.start, window.last - window.start
-        turn, shift, known, unsure = 0.0, np.zeros(3), 0.0, 0.0
-        if join is not None:
-            place, attitude, unsure = join
-            turn = _turn_between(attitude, orientation[here])
-            shift, known = place - turned(position[here], turn), of_heading[here]
-        way, facing = turned(position, turn) + shift, yawed(orientation, turn)
-        moved = FootTrajectory(way, turned(velocity, turn), facing)
-        heading = np.sqrt(np.maximum(of_heading - known, 0.0) + unsure**2)
-        spread = path.stddev._replace(orientation=np.column_stack([path.stddev.orientation[:, :2], heading]))
-        last = min(end, len(position) - 1)
-        join = (np.asarray(way[last]), np.asarray(facing[last]), float(heading[last]))
-        low = window.join - window.holds[0]
-        high = len(window.holds) - 1 if number + 1 == len(parts) else parts[number + 1].join - window.holds[0]
-        by_sample, by_stride = (moved, spread, path.pitch, valid), (path.strides, path.strides_stddev, path.nis)
-        moved, spread, pitch, valid = jax.tree.map(lambda v, at=slice(here, end): v[at], by_sample)
-        strides, deviations, nis = jax.tree.map(lambda v, at=slice(low, high): v[at], by_stride)
-        pieces.append((Path(moved, spread, strides, deviations, pitch, nis), valid))
-    path, valid = jax.tree.map(lambda *v: np.concatenate(v), *pieces)
+    path, valid = _together(results, parts)
     return path, float(np.mean([nis for _, nis, _ in results])), valid
+
+
+def _together(results: list[PyTree], parts: list[Window]) -> tuple[Path, np.ndarray]:
+    """The path and the valid samples: each window's rotated and shifted onto the end of the one before it."""
+    pieces: list[tuple[Path, np.ndarray]] = []
+    ends: tuple[np.ndarray, np.ndarray, float] | None = None  # position, attitude and heading's deviation at the join
+    borders = [part.join for part in parts[1:]] + [int(parts[-1].holds[-1])]
+    for (path, _, valid), window, border in zip(results, parts, borders, strict=True):
+        position, velocity, orientation = path.trajectory
+        variance = path.stddev.orientation[:, 2] ** 2
+        here, last = window.first - window.start, window.last - window.start
+        turn, shift = 0.0, np.zeros(3)
+        if ends is not None:
+            place, attitude, unsure = ends
+            turn = _turn_between(attitude, orientation[here])
+            shift = place - turned(position[here], turn)
+            variance = np.maximum(variance - variance[here], 0.0) + unsure**2
+        moved = FootTrajectory(turned(position, turn) + shift, turned(velocity, turn), yawed(orientation, turn))
+        heading = np.sqrt(variance)
+        spread = path.stddev._replace(orientation=np.column_stack([path.stddev.orientation[:, :2], heading]))
+        at = min(last, len(position) - 1)
+        ends = np.asarray(moved.position[at]), np.asarray(moved.orientation[at]), float(heading[at])
+        rows, samples = slice(window.join - window.holds[0], border - window.holds[0]), slice(here, last)
+        moved, spread, pitch, valid = jax.tree.map(lambda v, at=samples: v[at], (moved, spread, path.pitch, valid))
+        strides, deviations = jax.tree.map(lambda v, at=rows: v[at], (path.strides, path.strides_stddev))
+        pieces.append((Path(moved, spread, strides, deviations, pitch, path.nis[rows]), valid))
+    path, valid = jax.tree.map(lambda *v: np.concatenate(v), *pieces)
+    return path, valid
 
 
 def _turn_between(wanted: np.ndarray, q: np.ndarray) -> float:
     """The rotation about the vertical from attitude `q` to attitude `wanted` of the same tilt [rad]."""
-    w = wanted @ q
     z = wanted[3] * q[0] - wanted[0] * q[3] + wanted[2] * q[1] - wanted[1] * q[2]
-    return float(2.0 * np.arctan2(z, w))
+    return float(2.0 * np.arctan2(z, wanted @ q))
