@@ -72,7 +72,7 @@ def test_the_example_gives_the_numbers_of_jgait_in_a_process_without_jgait(walke
     command = [sys.executable, "-c", RUN, tmp_path / f"{source}_example.py", samples, out]
     subprocess.run(command, check=True, capture_output=True, cwd=tmp_path)
     theirs = jax.tree.map(lambda *v: np.stack(v), *pickle.loads(out.read_bytes()))
-    ours = live._runners[0].push(rows_of(made))
+    ours = live._runs[0].runner.push(rows_of(made))
     if "stride" in theirs:  # the rest has a meaning only where a stride has become known
         known = ours.stride
         assert known.sum() > 3

@@ -17,9 +17,8 @@ from jgait.estimators.foot_ins import online as foot_online
 from jgait.estimators.foot_ins.estimator import _states
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.device import BLOCK
-from jgait.estimators.online.legs import KINEMATICS
+from jgait.estimators.online.legs import KINEMATICS, SETTLES_S, START_VARIANCE
 from jgait.estimators.online.samples import LONGEST_GAP_S, Pushes
-from jgait.estimators.online.standing import SETTLES_S, START_VARIANCE
 from jgait.geometry.rotation import level
 from jgait.geometry.vectors import GRAVITY
 from jgait.simulate.sensors import MPU6000, OPAL

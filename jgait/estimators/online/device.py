@@ -62,18 +62,13 @@ class Structure(NamedTuple):
         leaves, structure = jax.tree.flatten(tree)
         return cls(structure, tuple((tuple(leaf.shape), np.dtype(leaf.dtype)) for leaf in leaves))
 
-    def zeros(self) -> list[PyTree]:
-        """Zeros of these shapes, packed."""
-        return packed(jax.tree.unflatten(self.tree, [jnp.zeros(*leaf) for leaf in self.leaves]))
-
 
 def packed(tree: PyTree, rows: tuple[int, ...] = ()) -> list[PyTree]:
     """A tree of arrays as one flat array a type, or one of rows if all leaves have them."""
     leaves = jax.tree.leaves(tree)
-    kinds = sorted({np.dtype(leaf.dtype) for leaf in leaves}, key=str)
     return [
-        jnp.concatenate([leaf.reshape(*rows, -1) for leaf in leaves if leaf.dtype == kind], axis=-1).astype(kind)
-        for kind in kinds
+        jnp.concatenate([leaf.reshape(*rows, -1) for leaf in leaves if leaf.dtype == kind], axis=-1)
+        for kind in sorted({np.dtype(leaf.dtype) for leaf in leaves}, key=str)
     ]
 
 
@@ -82,9 +77,8 @@ def unpacked(parts: list[PyTree], structure: Structure, rows: tuple[int, ...] = 
     by_type, at = {np.dtype(part.dtype): part for part in parts}, {np.dtype(part.dtype): 0 for part in parts}
     arrays = []
     for shape, kind in structure.leaves:
-        first, size = at[kind], math.prod(shape)
-        at[kind] = first + size
-        arrays.append(by_type[kind][..., first : first + size].reshape(*rows, *shape))
+        first, at[kind] = at[kind], at[kind] + math.prod(shape)
+        arrays.append(by_type[kind][..., first : at[kind]].reshape(*rows, *shape))
     return jax.tree.unflatten(structure.tree, arrays)
 
 
@@ -123,7 +117,7 @@ def _compiled(
             return number + 1, packed(after), packed(outputs, (BLOCK,))
 
         turns = jnp.minimum(count, 1)  # not a constant, or XLA would remove the loop
-        none = [part.reshape(BLOCK, -1) for part in results.zeros()]
+        none = packed([jnp.zeros(*leaf) for leaf in results.leaves], (BLOCK,))
         return lax.while_loop(lambda kept: kept[0] < turns, turn, (jnp.zeros_like(turns), parts, none))[1:]
 
     more = compiler_options()

@@ -23,15 +23,12 @@ from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_rests, worn_legs_of, worn_names
 from jgait.estimators.leg_ekf.params import one_side
 from jgait.estimators.online.device import Device, Readings
-from jgait.estimators.online.standing import LegsNow, lost_for, stacked_mountings, standing_samples, stood
+from jgait.estimators.online.legs import LegsNow, lost_for, stacked_mountings, standing_samples, stood
 from jgait.events.rest import LEGS_RATE
 from jgait.filtering import Belief
 from jgait.mounting.leg import SegmentMounting
 from jgait.notes import Note
-from jgait.types import SIDES, Counts, Flags, Recording, Values, as_float
-
-START_VARIANCE = 0.1
-"""[rad²] Variance of the angles at the first sample."""
+from jgait.types import SIDES, Counts, Flags, Recording, Values
 
 
 class DutyConstants(NamedTuple):
@@ -40,7 +37,6 @@ class DutyConstants(NamedTuple):
     each_leg: tuple[DutyCycledParams, ...]  #: parameters of each leg.
     worn: PyTree  #: `SegmentMounting`, leaves (k, …).
     window: Values  #: samples for which all gyroscopes must be slow in standing.
-    start_variance: Values  #: variance of the angles at the first sample [rad²].
 
 
 class DutyState(NamedTuple):
@@ -84,7 +80,7 @@ def device(p: DutyCycledParams, recording: Recording) -> tuple[Device, tuple[Not
     placements, worn = stacked_mountings(mountings)
     window = standing_samples(1.0 / float(np.median(np.diff(time))))
     leg_params = tuple(one_side(p, side) for side in legs)
-    constants = DutyConstants(leg_params, worn, window, as_float(START_VARIANCE))
+    constants = DutyConstants(leg_params, worn, window)
     options = DutyDeviceOptions(all(imu.acc is not None for imu in sensors.values()), tuple(legs.values()))
     return Device("legs", placements, constants, begin, advance, options, tuple(legs)), tuple(calibration.notes)
 
@@ -95,7 +91,7 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
 
     def leg(params: DutyCycledParams, segments: tuple[int | None, ...]) -> tuple[Belief | None, ...]:
         biases = tuple(None if k is None else -c.worn.bias[k, 1] for k in segments)
-        beliefs = duty_model.standing(params, biases, c.start_variance)
+        beliefs = duty_model.standing(params, biases, jnp.zeros_like(c.window) + 0.1)  # [rad²] of the angles
         return tuple(None if belief is None else belief.joined() for belief in beliefs)
 
     zeros = jnp.zeros_like(c.worn.scale)

@@ -51,26 +51,18 @@ print(result)
 class ExportedStep(NamedTuple):
     """The step of an estimator online, made by `Online.export`.
 
-    Attributes:
-        device: the estimator, with its sensors and constants.
-        begin: (constants, sample) → state before the first sample, a list of arrays.
-        step: (constants, state, sample) → state, and results by name. A sample is a dictionary of `dt` () [s] since the
-            previous sample, 0 at the first; `gyr` (k, 3) [rad/s] and `acc` (k, 3) [m/s²] of the k sensors in their own
-            axes; `gyr_measured` and `acc_measured` (k,), False where a reading was lost. Results are the fields of
-            `LegsNow`, or of `LaggedNow`.
-        constants: parameters and calibration of the person, a list of arrays.
-        sampling_rate_hz: rate of the samples [Hz].
-        state_bytes: memory of the state [bytes].
-        operations: floating-point operations of one sample, counted by XLA in the compiled step [1].
+    A sample is a dictionary of `dt` () [s] since the previous sample, 0 at the first; `gyr` (k, 3) [rad/s] and `acc`
+    (k, 3) [m/s²] of the k sensors in their own axes; `gyr_measured` and `acc_measured` (k,), False where a reading was
+    lost. Results are the fields of `LegsNow`, or of `LaggedNow`, by name.
     """
 
-    device: Device
-    begin: jax.export.Exported
-    step: jax.export.Exported
-    constants: list[np.ndarray]
-    sampling_rate_hz: float
-    state_bytes: int
-    operations: int
+    device: Device  #: the estimator, with its sensors and constants.
+    begin: jax.export.Exported  #: (constants, sample) → state before the first sample, a list of arrays.
+    step: jax.export.Exported  #: (constants, state, sample) → state and results.
+    constants: list[np.ndarray]  #: parameters and calibration of the person.
+    sampling_rate_hz: float  #: rate of the samples [Hz].
+    state_bytes: int  #: memory of the state [bytes].
+    operations: int  #: floating-point operations of one sample, counted by XLA in the compiled step [1].
 
     def files(self) -> dict[str, str | bytes]:
         """Name → content of the files in which the step is kept, but for the constants: both programs as `jax.export`
@@ -97,23 +89,20 @@ class ExportedStep(NamedTuple):
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write `files` and the constants into a folder that exists; returns their paths."""
-        written = []
-        for name, content in self.files().items():
-            written.append(Path(folder) / name)
-            written[-1].write_bytes(content if isinstance(content, bytes) else content.encode())
-        written.append(Path(folder) / f"{self.device.source}_constants.npz")
-        np.savez(written[-1], *self.constants)
-        return written
+        files = {Path(folder) / name: content for name, content in self.files().items()}
+        for path, content in files.items():
+            path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        constants = Path(folder) / f"{self.device.source}_constants.npz"
+        np.savez(constants, *self.constants)
+        return [*files, constants]
 
 
 def exported(device: Device, sampling_rate_hz: float) -> ExportedStep:
     """The step of a device, in JAX's float type of the moment."""
     constants, structure = jax.tree.flatten(jax.tree.map(jnp.asarray, device.constants))
-    sensors = len(device.placements)
-    real = jnp.zeros(()).dtype
-    shapes = ((), (sensors, 3), (sensors, 3), (sensors,), (sensors,))
-    kinds = (real, real, real, bool, bool)
-    sample = {name: jax.ShapeDtypeStruct(*each) for name, *each in zip(SAMPLE, shapes, kinds, strict=True)}
+    real, sensors = jnp.zeros(()).dtype, len(device.placements)
+    kinds = (((), real), ((sensors, 3), real), ((sensors, 3), real), ((sensors,), bool), ((sensors,), bool))
+    sample = {name: jax.ShapeDtypeStruct(*kind) for name, kind in zip(SAMPLE, kinds, strict=True)}
 
     def readings(sample: PyTree) -> Readings:
         return Readings(*(sample[name] for name in SAMPLE))

@@ -15,16 +15,10 @@ LONGEST_GAP_S = 5.0
 LATE = 1.5
 """[1] Interval over the usual one from which on samples are missing."""
 
-RATE_OFF = 1.25
-"""[1] Largest ratio of the usual interval of a block to that of the calibration."""
-
-LEAST_S = 0.75
-"""[s] Samples from which on the mean sizes of rate and force count: a jolt or a flight phase tells nothing of units."""
-
 FASTEST_MEAN = 15.0
 """[rad/s] Largest mean rate of a limb; of feet, ankles, shanks and thighs in all public sets, also running, it is 6."""
 
-LEAST_FORCE, LARGEST_FORCE = 0.5 * GRAVITY, UNIT_FORCES[-1][0]
+FORCES = (0.5 * GRAVITY, UNIT_FORCES[-1][0])
 """[m/s²] Least and largest mean size of the specific force; in these sets it is from 9 to 30."""
 
 
@@ -70,7 +64,12 @@ class Pushes:
         sensors = rows[:, 1:].reshape(times.size, -1, 8)
         for number, name in enumerate(self._placements):
             _fill(sensors[:, number], name, signals[name], (*np.shape(time), 3))
-        return self._spaced(times, rows)._replace(sizes=self._sized(sensors))
+        sizes = self._sized(sensors)
+        kept: np.ndarray | slice = slice(None)
+        if rows[:, 0].max() * self._rate_hz > LATE:
+            rows, kept = self._with_missing(rows)
+        samples = self._samples + len(rows)
+        return Block(times, rows, kept, samples, float(times[-1]) - (samples - 1) / self._rate_hz, sizes)
 
     def accept(self, block: Block) -> None:
         """The block has been processed."""
@@ -78,43 +77,43 @@ class Pushes:
 
     def _steps(self, times: np.ndarray) -> np.ndarray:
         """Time since the previous sample of each; 0 of the first of all."""
+        first = self._last is None
         step = np.diff(times, prepend=times[0] if self._last is None else self._last)
-        late = np.flatnonzero(step <= 0.0) if self._last is not None else 1 + np.flatnonzero(step[1:] <= 0.0)
+        late = first + np.flatnonzero(step[first:] <= 0.0)
         if late.size:
             before = self._last if late[0] == 0 else times[late[0] - 1]
             raise ValueError(f"time must increase; {times[late[0]]:.6g} s follows {before:.6g} s")
         if len(step) > 3 and abs(step[1:].mean() * self._rate_hz - 1.0) > 0.1:
             ratio = float(np.median(step[1:])) * self._rate_hz  # samples may be missing
-            if not 1.0 / RATE_OFF < ratio < RATE_OFF:
+            if not 0.8 < ratio < 1.25:
                 raise ValueError(
                     f"samples come at {self._rate_hz / ratio:.4g} Hz; the calibration has {self._rate_hz:.4g} Hz"
                 )
         return step
 
-    def _spaced(self, times: np.ndarray, rows: np.ndarray) -> Block:
-        """The rows, with lost samples where some are missing."""
-        kept: np.ndarray | slice = slice(None)
-        if rows[:, 0].max() * self._rate_hz > LATE:
-            gap = np.minimum(rows[:, 0], LONGEST_GAP_S)
-            missing = np.where(gap * self._rate_hz > LATE, np.rint(gap * self._rate_hz).astype(int) - 1, 0)
-            kept = at = np.arange(times.size) + np.cumsum(missing)
-            every = np.zeros((int(at[-1]) + 1, rows.shape[1]))
-            every[at] = rows
-            every[:, 0] = np.repeat(gap / (missing + 1), missing + 1)
-            rows = every
-        samples = self._samples + len(rows)
-        return Block(times, rows, kept, samples, float(times[-1]) - (samples - 1) / self._rate_hz, self._sizes)
+    def _with_missing(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rows with lost samples where some are missing, and the index of those that are not."""
+        gap = np.minimum(rows[:, 0], LONGEST_GAP_S)
+        missing = np.where(gap * self._rate_hz > LATE, np.rint(gap * self._rate_hz).astype(int) - 1, 0)
+        kept = np.arange(len(rows)) + np.cumsum(missing)
+        every = np.zeros((int(kept[-1]) + 1, rows.shape[1]))
+        every[kept] = rows
+        every[:, 0] = np.repeat(gap / (missing + 1), missing + 1)
+        return every, kept
 
     def _sized(self, sensors: np.ndarray) -> np.ndarray:
-        """The sums after samples (n, k, 8). Raises ValueError for rates or forces not in rad/s and m/s²."""
+        """The sums after samples (n, k, 8). Raises ValueError for rates or forces not in rad/s and m/s².
+
+        Sizes count from 0.75 s on: a jolt or a flight phase tells nothing of units.
+        """
         sizes = (np.sqrt(np.square(sensors[..., part]).sum(axis=2)) for part in (slice(3), slice(3, 6)))
         sums = self._sizes + np.stack([*sizes, sensors[..., 6], sensors[..., 7]], axis=2).sum(axis=0)
         rate, force = (sums[:, :2] / np.maximum(sums[:, 2:], 1.0)).T
-        fast, odd = rate > FASTEST_MEAN, (force < LEAST_FORCE) | (force > LARGEST_FORCE)
-        wrong = np.stack([fast, odd], axis=1) & (sums[:, 2:] > LEAST_S * self._rate_hz)
-        for name, *of_one in zip(self._placements, rate, force, *wrong.T, strict=True):
-            if of_one[2] or of_one[3]:
-                raise ValueError(_other_unit(name, *of_one))
+        wrong = np.stack([rate > FASTEST_MEAN, (force < FORCES[0]) | (force > FORCES[1])], axis=1)
+        wrong &= sums[:, 2:] > 0.75 * self._rate_hz
+        if wrong.any():
+            first = int(np.argmax(wrong.any(axis=1)))
+            raise ValueError(_other_unit(self._placements[first], rate[first], force[first], *wrong[first]))
         return sums
 
 
@@ -143,15 +142,11 @@ def _other_unit(name: str, rate: float, force: float, fast: bool, unlike_gravity
             f"gyr and acc of '{name}' seem to be exchanged: on average they are {rate:.3g} rad/s and {force:.3g} m/s², "
             f"where gravity alone is {GRAVITY:.3g} m/s²"
         )
-    words = []
-    if fast:
-        words.append(
-            f"gyr of '{name}' must be in rad/s; on average it is {rate:.4g}, and no limb exceeds {FASTEST_MEAN:g}: is "
-            "it in deg/s?"
-        )
-    if unlike_gravity:
-        unit = next((f": is it in {unit}?" for low, high, unit in UNIT_FORCES if low < force < high), "")
-        words.append(
-            f"acc of '{name}' must be in m/s²; on average it is {force:.3g}, where gravity alone is {GRAVITY:.3g}{unit}"
-        )
-    return "; ".join(words)
+    unit = next((f": is it in {unit}?" for low, high, unit in UNIT_FORCES if low < force < high), "")
+    sentences = {
+        f"gyr of '{name}' must be in rad/s; on average it is {rate:.4g}, and no limb exceeds {FASTEST_MEAN:g}: "
+        "is it in deg/s?": fast,
+        f"acc of '{name}' must be in m/s²; on average it is {force:.3g}, where gravity alone is {GRAVITY:.3g}"
+        f"{unit}": unlike_gravity,
+    }  # fmt: skip
+    return "; ".join(sentence for sentence, applies in sentences.items() if applies)

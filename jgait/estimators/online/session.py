@@ -10,12 +10,13 @@ from jaxtyping import PyTree
 from jgait.estimators import get
 from jgait.estimators.combined.sources import MEASURES
 from jgait.estimators.lagged import LaggedNow
+from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.online import duty, legs, strides
 from jgait.estimators.online.device import Device, Runner
-from jgait.estimators.online.distance import LostTime, StridesWay
 from jgait.estimators.online.export import ExportedStep, exported
-from jgait.estimators.online.samples import Pushes
+from jgait.estimators.online.samples import Block, Pushes
 from jgait.estimators.proportions import gives
+from jgait.estimators.sides import of_turns
 from jgait.notes import Note, record
 from jgait.params import check_params
 from jgait.types import SIDES, AnyArray, Legs, LegTrajectory, Recording, RecordingError, Strides
@@ -38,6 +39,10 @@ OFFLINE = {
 PREFERRED = ("feet", "ankles", "shanks")
 """Sources of strides, in the order in which their contacts are preferred."""
 
+ALONE = 3
+"""[1] Strides of one side in a row, without one of the other, from which on the other counts as missing. With a pause
+or a missed stride there are two."""
+
 
 @record
 class NewStrides(NamedTuple):
@@ -55,6 +60,9 @@ class NewContacts(NamedTuple):
     time: np.ndarray  #: (n,) [s].
     side: np.ndarray  #: (n,) 0 right, 1 left.
     initial: np.ndarray  #: (n,) bool, True for an initial, False for a final contact.
+
+
+NO_CONTACTS = NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
 
 
 @record
@@ -89,28 +97,21 @@ class Online:
     """
 
     def __init__(self, devices: Sequence[Device], sampling_rate_hz: float, notes: tuple[Note, ...]) -> None:
-        self._runners = [Runner(device) for device in devices]
         self.placements = tuple(sorted({name for device in devices for name in device.placements}))
         self.sampling_rate_hz = sampling_rate_hz
         self.sources = tuple(device.source for device in devices)
         self.notes = notes
         self._clock = Pushes(self.placements, sampling_rate_hz)
-        self._walked = {device.source: StridesWay(len(device.sides)) for device in devices}
-        self._lost = {device.source: LostTime() for device in devices}
-        rows = {name: 1 + 8 * number for number, name in enumerate(self.placements)}
-        self._columns = [
-            np.concatenate([[0], *(np.arange(rows[name], rows[name] + 8) for name in device.placements)])
-            for device in devices
-        ]
+        self._runs = [_Run(device, self.placements) for device in devices]
 
     @property
     def state_bytes(self) -> int:
         """Memory of all states between two samples [bytes]; it does not grow."""
-        return sum(runner.state_bytes for runner in self._runners)
+        return sum(run.runner.state_bytes for run in self._runs)
 
     def export(self) -> dict[str, ExportedStep]:
         """Source → the step of its estimator as a program that runs without jgait, see `online.export`."""
-        return {runner.device.source: exported(runner.device, self.sampling_rate_hz) for runner in self._runners}
+        return {run.source: exported(run.runner.device, self.sampling_rate_hz) for run in self._runs}
 
     def push(self, time: AnyArray | float, signals: Mapping[str, tuple[AnyArray, AnyArray | None]]) -> News:
         """What one sample or a block of n samples tells.
@@ -130,31 +131,89 @@ class Online:
                 first second, other units. The state is then as before the call.
         """
         block = self._clock.block(time, signals)
-        results = [
-            runner.push(block.rows[:, columns]) for runner, columns in zip(self._runners, self._columns, strict=True)
-        ]
+        results = [run.runner.push(block.rows[:, run.columns]) for run in self._runs]
         self._clock.accept(block)
-        samples, kept = block.time.size, block.kept
-        news = News(
-            block.time, None, None, {}, np.ones(samples, bool), np.ones(samples, bool), {}, _contacts({}), {}, {}
-        )
-        for runner, columns, now in zip(self._runners, self._columns, results, strict=True):
-            source, placements, sides = runner.device.source, runner.device.placements, runner.device.sides
-            measured = block.rows[kept][:, columns[1:]].reshape(samples, -1, 8)[:, :, 6:] > 0.0
-            there = measured[:, :, 0].all(axis=1) if source == "legs" else measured.all(axis=2).any(axis=1)
-            news.lost[source] = self._lost[source].after(block.time, there)
-            if source != "legs":
-                new = news.strides[source] = _strides(now, block.offset)
-                news.distance[source] = self._walked[source].add(new.strides)
+        every = np.ones(block.time.size, bool)
+        news = News(block.time, None, None, {}, every, every, {}, NO_CONTACTS, {}, {})
+        for run, now in zip(self._runs, results, strict=True):
+            news.lost[run.source] = run.lost(block)
+            if run.source != "legs":
+                news.strides[run.source] = new = run.strides(now, block.offset)
+                news.distance[run.source] = run.walked.add(new.strides)
                 continue
+            kept, sides = block.kept, run.runner.device.sides
             if now.legs is not None:
                 news = news._replace(legs=_legs(now.legs, sides, kept), stddev=_legs(now.stddev, sides, kept))
             news = news._replace(valid=now.valid[kept], stands=now.stands[kept])
             if now.angle is not None:
-                news.angles.update({name: now.angle[kept, k] for k, name in enumerate(placements)})
+                news.angles.update({name: now.angle[kept, k] for k, name in enumerate(run.runner.device.placements)})
             if now.distance is not None:
                 news.distance["legs"] = float(now.distance[-1])
         return news._replace(contacts=_contacts(news.strides))
+
+
+class _Run:
+    """A source of a session: its estimator, its columns of a block, its strides so far, and the time it lost."""
+
+    def __init__(self, device: Device, placements: tuple[str, ...]) -> None:
+        self.source, self.runner, self.walked = device.source, Runner(device), StridesWay(len(device.sides))
+        rows = [1 + 8 * placements.index(name) for name in device.placements]
+        self.columns = np.concatenate([[0], *(np.arange(row, row + 8) for row in rows)])
+        self._seen: float | None = None  # time of the last measured sample [s]
+        self._gaps = 0.0  # time in gaps before it [s]
+        self._nothing: NewStrides | None = None
+
+    def strides(self, now: LaggedNow, offset: float) -> NewStrides:
+        """The strides in the results of n samples of k sensors, in the order in which they became known."""
+        at = np.nonzero(now.stride)
+        if not at[0].size and self._nothing is not None:
+            return self._nothing
+        strides, stddev, flags = jax.tree.map(lambda column: column[at], (now.strides, now.stddev, now.flags))
+        times = ("start", "final_contact", "end", "standing", "standing_end")
+        moved = {name: getattr(strides, name) + offset for name in times if getattr(strides, name) is not None}
+        new = NewStrides(strides._replace(**moved), stddev, flags)
+        self._nothing = self._nothing or jax.tree.map(lambda column: column[:0], new)
+        return new
+
+    def lost(self, block: Block) -> float:
+        """Time in gaps longer than a stride may have [s], see `News.lost`, up to the end of a block."""
+        time = block.time
+        measured = block.rows[block.kept][:, self.columns[1:]].reshape(time.size, -1, 8)[:, :, 6:] > 0.0
+        there = measured[:, :, 0].all(axis=1) if self.source == "legs" else measured.all(axis=2).any(axis=1)
+        known, self._seen = time[there], float(time[0]) if self._seen is None else self._seen
+        if known.size:
+            gaps = np.diff(known, prepend=self._seen)
+            self._gaps += float(gaps[gaps > LONGEST_LOSS].sum())
+            self._seen = float(known[-1])
+        gap = float(time[-1]) - self._seen
+        return self._gaps + (gap if gap > LONGEST_LOSS else 0.0)
+
+
+class StridesWay:
+    """Distance along strides: the mean over the sides, or that of one where the strides of the other are missing.
+
+    A side is missing whose sensor is stuck or lost for `ALONE` strides of the other. Then each stride of the side that
+    is left counts as one of both; of the strides in a row, the first has its partner before them.
+    """
+
+    def __init__(self, sides: int) -> None:
+        self._share = 1.0 / sides
+        self._side, self._number, self._uncounted = -1, 0, 0.0
+        self.total = 0.0  #: [m]
+
+    def add(self, strides: Strides) -> float:
+        """The distance after strides (n,) that have become known, in order [m]."""
+        ways = of_turns(strides.length, strides.turn)[0] if strides.length.size else ()
+        for side, way in zip(strides.side, map(float, ways), strict=True):
+            if side != self._side:
+                # before the first stride of all, the other side has not had one either
+                self._side, self._number, self._uncounted = int(side), int(self._side < 0), 0.0
+            self._number += 1
+            self.total += self._share * way
+            self._uncounted += (1.0 - self._share) * way * (self._number > 1)
+            if self._number >= ALONE:
+                self.total, self._uncounted = self.total + self._uncounted, 0.0
+        return self.total
 
 
 def _legs(part: LegTrajectory, sides: tuple[int, ...], kept: np.ndarray | slice) -> Legs:
@@ -165,20 +224,11 @@ def _legs(part: LegTrajectory, sides: tuple[int, ...], kept: np.ndarray | slice)
     return Legs(*both)
 
 
-def _strides(now: LaggedNow, offset: float) -> NewStrides:
-    """The strides in the results of n samples of k sensors, in the order in which they became known."""
-    at = np.nonzero(now.stride)
-    strides, stddev, flags = jax.tree.map(lambda column: column[at], (now.strides, now.stddev, now.flags))
-    times = ("start", "final_contact", "end", "standing", "standing_end")
-    moved = {name: getattr(strides, name) + offset for name in times if getattr(strides, name) is not None}
-    return NewStrides(strides._replace(**moved), stddev, flags)
-
-
 def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
     """Contacts of the strides of the preferred source."""
     table = next((strides[name].strides for name in PREFERRED if name in strides), None)
-    if table is None:
-        return NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
+    if table is None or not table.end.size:
+        return NO_CONTACTS
     time = np.concatenate([table.final_contact, table.end])
     initial = np.arange(time.size) >= len(table.end)
     order = np.argsort(time, kind="stable")
@@ -187,29 +237,26 @@ def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
 
 def _chosen(names: str | Sequence[str] | None, recording: Recording) -> list[tuple[str, str]]:
     """Estimator and source of each device; every one that has its sensors, or those that are asked for."""
-    worn = set(recording.sensors)
-    there = {
-        name: [
-            source for source, parts in every.items() if any({f"{part}_{s}" for part in parts} <= worn for s in SIDES)
-        ]
-        for name, every in CAUSAL.items()
-    }
-    asked = (names,) if isinstance(names, str) else names
-    for name in asked or ():
+    worn, usual = set(recording.sensors), ("foot_ins", "ankle_stride", "leg_ekf")
+    asked = usual if names is None else (names,) if isinstance(names, str) else tuple(names)
+    chosen: list[tuple[str, str]] = []
+    for name in asked:
         if name in OFFLINE:
             raise ValueError(f"{name} has no form sample by sample: {OFFLINE[name]}; there is {', '.join(CAUSAL)}")
         if name not in CAUSAL:
             raise ValueError(f"estimators online are {', '.join(CAUSAL)}; got {name!r}")
-        if not there[name]:
-            raise RecordingError(f"{name} has no sensors; the recording has {sorted(recording.sensors)}")
-    if asked is not None and {"leg_ekf", "duty_cycled_gyro"} <= set(asked):
+        sources = [
+            source for source, parts in CAUSAL[name].items()
+            if any({f"{part}_{side}" for part in parts} <= worn for side in SIDES)
+        ]  # fmt: skip
+        if names is not None and not sources:
+            raise RecordingError(f"{name} has no sensors; the recording has {sorted(worn)}")
+        chosen += [(name, source) for source in sources]
+    if {"leg_ekf", "duty_cycled_gyro"} <= set(asked):
         raise ValueError("leg_ekf and duty_cycled_gyro give the same angles: take one of them")
-    usual = ("foot_ins", "ankle_stride", "leg_ekf")
-    chosen = [(name, source) for name in (usual if asked is None else asked) for source in there[name]]
     if not chosen:
         raise RecordingError(
-            "online there are feet, ankles, shanks, and thighs with shanks; the recording has "
-            f"{sorted(recording.sensors)}"
+            f"online there are feet, ankles, shanks, and thighs with shanks; the recording has {sorted(worn)}"
         )
     return chosen
 
