@@ -12,7 +12,7 @@ from experiments.common.row import Row, show
 from experiments.common.sets import datasets
 from experiments.damage.harm import read, rows_of
 from jgait import simulate
-from jgait.estimators.combined.phases import CLOCK_OFF
+from jgait.estimators.combined.crosscheck import CLOCK_OFF
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.waist.notes import GYROSCOPE_CONTRADICTS, WALKING_MISSED
 from jgait.io.checks import order, pace, readings

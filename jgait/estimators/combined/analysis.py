@@ -14,7 +14,6 @@ from jgait.estimators.combined.compare import (
     Comparison,
     alike,
     comparisons,
-    contact_notes,
     quality_of,
     regular,
     side_notes,
@@ -53,26 +52,19 @@ ONE_LEG_SEEN = Kind(
 class Analysis(NamedTuple):
     """Gait from all sensors of a recording together.
 
-    Attributes:
-        estimate: the joined estimate: strides of both sides with standard deviations, distance, joint angles, paths of
-            the feet, as far as the sensors measure them; `diagnostics` has the flags of strides, contacts of the waist,
-            `sensors`, the `SensorQuality` of each placement, `clocks_apart`, True if other sensors show that the clock
-            of a shoe may be off, `distance_stddev` [m], `angles_valid_<side>`, False if the side's joint angles are not
-            usable, and `slipped_<side>` (T,), True after a thigh's or shank's sensor slipped, so that they are not
-            usable either.
-        sources: the result of each group of sensors alone, in the order in which their times are preferred.
-        strides: for each stride which sources measured it and which were combined; None without strides.
-        comparisons: each quantity as each source measures it, and combined.
-        notes: decisions about the recording, its problems and contradictions between its sensors, gravest first.
-        person: the measures of the person that were given.
+    The `estimate` has strides of both sides with standard deviations, distance, joint angles, paths of the feet, as far
+    as the sensors measure them. Its `diagnostics` has the flags of strides, contacts of the waist, `sensors`, the
+    `SensorQuality` of each placement, `clocks_apart`, True if other sensors show that the clock of a shoe may be off,
+    `distance_stddev` [m], `angles_valid_<side>`, False if the side's joint angles are not usable, and `slipped_<side>`
+    (T,), True after a thigh's or shank's sensor slipped, so that they are not usable either.
     """
 
-    estimate: Estimate
-    sources: tuple[SourceEstimate, ...]
-    strides: JoinedStrides | None
-    comparisons: tuple[Comparison, ...]
-    notes: tuple[Note, ...]
-    person: dict[str, float]
+    estimate: Estimate  #: the joined estimate.
+    sources: tuple[SourceEstimate, ...]  #: the result of each group of sensors alone, those preferred for times first.
+    strides: JoinedStrides | None  #: which sources measured each stride, and which were combined; None without strides.
+    comparisons: tuple[Comparison, ...]  #: each quantity as each source measures it, and combined.
+    notes: tuple[Note, ...]  #: decisions, problems and contradictions between sensors, gravest first.
+    person: dict[str, float]  #: the measures of the person that were given.
 
     def __repr__(self) -> str:
         parts = [f"{np.ptp(as_float(self.estimate.time)):.1f} s"]
@@ -164,10 +156,8 @@ def analyse(
     unusable, angle_notes = _angles(estimates, worn, crossed, axes | late | turned)
     differ = [*apart, *angle_notes]
     off = findings.clocks.union(*late_pairs, (name for name, facts in quality.items() if facts.acc_late))
-    contacts: list[Note] = []
     if strides is not None:
-        contacts = contact_notes(estimates, strides, findings.doubtful | clocks)
-        differ += [*side_notes(estimates, strides), *contacts]
+        differ += side_notes(estimates, strides)
         legs = set(np.asarray(strides.strides.side).tolist())
         differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
     elif any(source.estimate.strides is not None for source in estimates):
@@ -183,11 +173,10 @@ def analyse(
     follow = {*writer.contradictions(recording.quality)}.difference(writer.contradictions(quality))
     of_reader = [note for note in recording.notes if note not in follow]
     every = [*walking.notes, *findings.notes, *differ, *of_reader, *notes, *one_sided, *unlike, *stated]
-    apart_in_time = bool(contacts) or any(name.startswith("foot_") for name in off)
     order = gravest_first(without_repeats(every))
     valid = {f"angles_valid_{side}": side not in unusable for side in SIDES if getattr(estimate.legs, side) is not None}
     sensors = merged(quality, *(source.quality for source in estimates))
-    facts = {**valid, "clocks_apart": apart_in_time, "notes": order, "sensors": sensors}
+    facts = {**valid, "clocks_apart": any(name.startswith("foot_") for name in off), "notes": order, "sensors": sensors}
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, **facts})
     rows = comparisons(estimates, strides, ways, total)
     return Analysis(estimate, tuple(estimates), strides, tuple(rows), order, body)
@@ -228,7 +217,7 @@ def _assembled(
     moves: tuple[tuple[float, float], ...],
 ) -> Estimate:
     """The joined estimate, at the times of the first source; parts at other times are only in their source. Nothing is
-    valid where the person moves without walking.
+    valid where the person moves without walking (`moves`).
     """
     by_name = {source.name: source.estimate for source in estimates}
     base = estimates[0].estimate

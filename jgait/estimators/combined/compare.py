@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.estimators.combined.distance import WalkedDistance
-from jgait.estimators.combined.phases import CLOCK_OFF
 from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import SAME_CONTACT, JoinedStrides
 from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN, STRIDE_FLAGS, without
@@ -32,27 +31,18 @@ SIDES_UNLIKE = Kind(
 
 UNLIKE = 0.1
 """[1] Difference of the stride lengths of both sides over their mean up to which sensors that turn differently are not
-wrong, as on a stiff leg; and above which one side is wrong. Chosen: between walks of `tripod`, `gaitmap_example`,
-`ipol_gait` and `walking5m`, and simulated hemiparetic walks with shanks whose distance is off by more than three stated
-deviations. A foot whose rates are too small by the least ratio that is noted has a larger difference."""
+wrong, as on a stiff leg; and above which one side is wrong. Chosen between walks of public sets and simulated
+hemiparetic walks with shanks whose distance is off by more than three stated deviations."""
 
 
 class Comparison(NamedTuple):
-    """One quantity of a walk as one source measures it.
+    """One quantity of a walk as one source measures it."""
 
-    Attributes:
-        quantity: "stride_length" [m], "distance" [m], "walking_speed" [m/s] or "strides" [1].
-        source: name of the source, or "combined".
-        value: the value; of strides the median over the regular ones, see `regular`.
-        stddev: its standard deviation, or None where none is stated.
-        strides: number of strides that the value is from; 0 for a distance.
-    """
-
-    quantity: str
-    source: str
-    value: float
-    stddev: float | None
-    strides: int
+    quantity: str  #: "stride_length" [m], "distance" [m], "walking_speed" [m/s] or "strides" [1].
+    source: str  #: name of the source, or "combined".
+    value: float  #: the value; of strides the median over the regular ones, see `regular`.
+    stddev: float | None  #: its standard deviation, or None where none is stated.
+    strides: int  #: number of strides that the value is from; 0 for a distance.
 
 
 def comparisons(
@@ -70,56 +60,20 @@ def comparisons(
         tables["combined"] = np.arange(len(usual)), strides.strides, strides.stddev
         for quantity, field in (("stride_length", "length"), ("walking_speed", "speed")):
             for name, (at, values, spread) in tables.items():
-                rows += _median(quantity, name, field, at[(at >= 0) & usual], values, spread)
+                if (column := getattr(values, field)) is not None:
+                    known = at[(at >= 0) & usual]
+                    known = known[np.isfinite(as_float(column)[known])]
+                    middle, sd = median(column, known), median(getattr(spread, field, None), known)
+                    rows += [] if middle is None else [Comparison(quantity, name, middle, sd or None, len(known))]
         counts = {name: int((at >= 0).sum()) for name, (at, *_) in tables.items()}
         rows += [Comparison("strides", name, float(count), None, count) for name, count in counts.items()]
-    rows += [
-        Comparison("distance", distance.source, float(distance.distance[-1]), distance.stddev, 0) for distance in walked
-    ]
-    if total is not None:
-        rows.append(Comparison("distance", "combined", float(total.distance[-1]), total.stddev, 0))
-    return rows
+    every = [*walked, *([] if total is None else [total._replace(source="combined")])]
+    return rows + [Comparison("distance", each.source, float(each.distance[-1]), each.stddev, 0) for each in every]
 
 
 def regular(strides: JoinedStrides, column: str = "stride_length_m") -> np.ndarray:
     """(n,) bool, strides that count in medians of a column, as in reports."""
     return without(strides.flags, STRIDE_FLAGS, len(strides.first), column)
-
-
-def _median(
-    quantity: str, source: str, field: str, rows: np.ndarray, strides: object, stddev: object
-) -> list[Comparison]:
-    values = getattr(strides, field)
-    known = rows[:0] if values is None else rows[np.isfinite(as_float(values)[rows])]
-    middle, sd = median(values, known), median(getattr(stddev, field, None), known)
-    return [] if middle is None else [Comparison(quantity, source, middle, sd or None, len(known))]
-
-
-def contact_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides, doubtful: frozenset[str]) -> list[Note]:
-    """A note if the time between the contacts of foot and ankle or shank differs between the legs.
-
-    Sources with a sensor in `doubtful`, whose place or clock another note explains, are not compared.
-    """
-    starts = {
-        source.name: np.where(at >= 0, as_float(source.estimate.strides.start)[at], np.nan)
-        for source in sources
-        if (at := strides.rows.get(source.name)) is not None and (at >= 0).any()
-        and not doubtful & set(source.placements)
-    }  # fmt: skip
-    sides = np.asarray(strides.strides.side)
-    notes = []
-    for other in (name for name in ("ankles", "shanks") if {name, "feet"} <= starts.keys()):
-        later = starts[other] - starts["feet"]
-        each = [later[np.isfinite(later) & (sides == side)] for side in range(len(SIDES))]
-        seconds = float(np.diff([np.median(late) for late in each])[0]) if min(map(len, each)) >= 4 else 0
-        if abs(seconds) > 0.1:  # [s] 0.06 or less in undamaged walks, public and simulated of all gaits
-            text = (
-                "contacts of the {other} follow those of the feet {seconds:.2f} s {words} on the right leg than on the "
-                "left: the clock of one of these sensors seems to be off"
-            )
-            words = "later" if seconds < 0.0 else "earlier"
-            notes.append(CLOCK_OFF.note(text, other=other, seconds=abs(seconds), words=words))
-    return notes
 
 
 def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
@@ -193,9 +147,8 @@ def alike(sources: Sequence[SourceEstimate], placements: frozenset[str]) -> bool
 def with_sides_unlike(
     sources: Sequence[SourceEstimate], wrong: frozenset[str]
 ) -> tuple[list[SourceEstimate], list[Note]]:
-    """The sources, with larger deviations where both sides' strides differ in length, and a note for each such source.
-
-    Sources with a sensor in `wrong`, which another note explains, do not change.
+    """The sources, with larger deviations where both sides' strides differ in length, and a note for each such source;
+    sources with a sensor in `wrong`, which another note explains, do not change.
     """
     changed, notes = list(sources), []
     for number, source in enumerate(sources):

@@ -15,7 +15,7 @@ from jgait.estimators.stride_flags import FEWEST_STRIDES
 from jgait.estimators.walking import MID_STANCE
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
-from jgait.types import SIDES, Imu, Recording, Strides, as_float
+from jgait.types import SIDES, Estimate, Imu, Recording, as_float
 
 DISTANCES_DIFFER = Kind(
     "distances_differ", "check", "distance: {source} says {distance:.1f} m, {other} {other_distance:.1f} m, more apart "
@@ -36,10 +36,6 @@ DISTANCE_ADDED = Kind(
 
 USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
 """[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
-
-ONE_SIDE = 0.03
-"""[1] Deviation of one side's sum of stride lengths from the mean of both, over that mean: 0.02 to 0.03 on 18 walks of
-`walking5m` (root mean square), 0.01 on `tripod`, 0.04 to 0.05 on the one walk of `neura_sparse`."""
 
 
 class WalkedDistance(NamedTuple):
@@ -63,13 +59,14 @@ class _Side(NamedTuple):
     """The distance by the sensor of one side, or of the trunk."""
 
     name: str
+    rows: np.ndarray  #: its strides, in the order of their starts.
     length: float  #: sum of stride lengths [m].
     unknown: float  #: what it did not see, and is not in the distance [m].
     doubtful: bool
     speed: float  #: median speed [m/s].
     lacking: float  #: standard deviation of what swings too small to be counted add [m].
-    cut: Spans  #: begin and end [s] of walking before the first and after the last stride.
-    bridged: Spans  #: and of losses in walking.
+    #: "cut", walking before the first and after the last stride, and "bridged", losses in walking → begin and end [s].
+    added: dict[str, Spans]
 
 
 def distances(
@@ -79,35 +76,30 @@ def distances(
     """The distance of every source that has one, the most certain first, and notes about sides that do not count.
 
     Errors of a source's strides are taken to have one cause, so that they add up. Its deviation contains lost samples.
-    The distance is the mean of two sides, unless one is in doubt or lost more.
-
-    Args:
-        sources: the sources.
-        recording: the signals.
-        wrong: placements whose signals, label or unit are in doubt.
-        late: placements whose clock is in doubt; the strides of a single sensor hold nevertheless.
-        rates_share: see `with_time_wrong`.
+    The distance is the mean of two sides, unless one is in doubt or lost more. `wrong` are placements whose signals,
+    label or unit are in doubt, `late` those whose clock is, and `rates_share` is that of `with_time_wrong`.
     """
     walked_distances, notes = [], []
     runs = any(facts.runs for source in sources for facts in source.quality.values())
     for source in sources:
-        estimate = source.estimate
+        estimate, legs = source.estimate, source.name == "legs"
         if estimate.distance is None or source.name == "width":
             continue
         total = float(estimate.distance[-1])
         sd = float(np.ravel(estimate.diagnostics["distance_stddev"])[-1])
-        if source.name == "legs":  # the deviations of other sources contain the error of rates
+        if legs:  # the deviations of other sources contain the error of rates
             sd = float(np.hypot(sd, rates_share * total))
         useless = any(knee.lost or knee.implausible for knee in knees(estimate).values())
         doubted = {name for name in source.placements if useless or of_sensor(source.quality, name).unusable}
-        doubted |= wrong if source.name != "legs" else wrong | late
+        doubted |= wrong | late if legs else wrong
         sides = _sides(source, recording, doubted)
         used = _best(sides)
         way, doubtful = as_float(estimate.distance), bool(doubted.intersection(source.placements)) or _lacking(source)
-        doubtful |= runs and source.name == "legs"  # in the flight phase no foot carries the hip
+        doubtful |= runs and legs  # in the flight phase no foot carries the hip
         if len(used) < len(sides):
             scale = float(np.mean([side.length for side in used]) / max(np.mean([side.length for side in sides]), 1e-6))
-            way, sd = _by_strides(source, used[0], scale * total), scale * float(np.hypot(sd, ONE_SIDE * total))
+            # sums of one side's stride lengths deviate by 0.01 to 0.05 from the mean of both on recorded walks
+            way, sd = _by_strides(estimate, used[0].rows, scale * total), scale * float(np.hypot(sd, 0.03 * total))
             doubtful = used[0].doubtful or _lacking(source, used[0].name)
             notes.append(DISTANCE_OF_ONE_SIDE(source=source.name, side=used[0].name))
         if total > 0.0 and sd > 0.0:
@@ -131,38 +123,40 @@ def _best(sides: list[_Side]) -> list[_Side]:
 def _sides(source: SourceEstimate, recording: Recording, doubted: set[str]) -> list[_Side]:
     """The sides of a source whose strides are measured by one sensor each, or the trunk; none without strides."""
     strides = source.estimate.strides
-    sides: list[_Side] = []
     if strides is None or not np.any(strides.valid):
-        return sides
-    length, valid = as_float(strides.length), np.asarray(strides.valid, bool)
-    lasts, end = durations(strides), as_float(strides.end)
+        return []
+    length, end, lasts = as_float(strides.length), as_float(strides.end), durations(strides)
     usual = float(np.nanmedian(lasts)) if np.isfinite(lasts).any() else USUAL_STRIDE_S
     start = as_float(strides.start) - np.where(np.isfinite(lasts), 0.0, 2.0 * MID_STANCE * usual)  # from the stance
+    order = np.argsort(start, kind="stable")
+    order = order[np.asarray(strides.valid, bool)[order]]
+    of_sides = [order[np.asarray(strides.side)[order] == number] for number in range(len(SIDES))]
+    spans = np.stack([as_float(strides.start), end], axis=1)
+    begin, until = (float(source.estimate.time[row]) for row in (0, -1))
+    sides = []
     for name in source.placements:
         side = next((side for side in SIDES if name.endswith(side)), "")
-        mine = valid & (np.asarray(strides.side) == SIDES.index(side)) if side else valid
-        whole = np.flatnonzero(mine)
-        whole = whole[np.argsort(start[whole], kind="stable")]
-        seconds, bridged = _not_seen(recording.sensors[name], start[whole], end[whole], usual)
-        lengths = float(np.nansum(length[mine]))
-        timed = mine & np.isfinite(lasts)
-        speed = float(np.nanmedian(length[timed] / lasts[timed])) if timed.any() else USUAL_SPEED
+        rows = of_sides[SIDES.index(side)] if side else order
+        timed = rows[np.isfinite(lasts[rows])]
+        speed = float(np.nanmedian(length[timed] / lasts[timed])) if timed.size else USUAL_SPEED
+        seconds, bridged = _not_seen(recording.sensors[name], start[rows], end[rows], usual)
         unknown = USUAL_SPEED * seconds
-        unknown += speed * _other_alone(strides, SIDES.index(side)) if side else 0.0
+        if side:
+            unknown += speed * _other_alone(spans[rows], spans[of_sides[1 - SIDES.index(side)]])
+        facts = of_sensor(source.quality, name)
         # steps that a shank missed in simulated walks of 0.1 to 0.15 m/s have 0.4 to 1 of the median stride; chosen
-        small = of_sensor(source.quality, name).small_swings
-        lacking = 0.5 * small * float(np.nanmedian(length[mine])) if mine.any() else 0.0
-        sides.append(_Side(side, lengths, unknown, name in doubted, speed, lacking, _cut(source, name), bridged))
+        lacking = 0.5 * facts.small_swings * float(np.nanmedian(length[rows])) if rows.size else 0.0
+        cut = [(begin, begin + facts.walks_before), (until - facts.walks_after, until)]
+        added = {"cut": [(first, last) for first, last in cut if last > first], "bridged": bridged}
+        total = float(np.nansum(length[rows]))
+        sides.append(_Side(side, rows, total, unknown, name in doubted, speed, lacking, added))
     return sides
 
 
-def _other_alone(strides: Strides, side: int) -> float:
-    """Time [s] in which the other leg takes `FEWEST_STRIDES` strides or more and this leg none: its sensor fell off, or
-    was put on anew in a way in which it finds none.
+def _other_alone(mine: np.ndarray, other: np.ndarray) -> float:
+    """Time [s] in which the other leg takes `FEWEST_STRIDES` strides or more and this leg none, from start and end of
+    the strides of both (n, 2): its sensor fell off, or was put on anew in a way in which it finds none.
     """
-    spans = np.stack([as_float(strides.start), as_float(strides.end)], axis=1)
-    mine, other = (spans[np.asarray(strides.valid, bool) & (np.asarray(strides.side) == k)] for k in (side, 1 - side))
-    mine = mine[np.argsort(mine[:, 0])]
     seconds = 0.0
     for after, before in zip([-np.inf, *np.maximum.accumulate(mine[:, 1])], [*mine[:, 0], np.inf], strict=True):
         alone = other[(other[:, 0] >= after) & (other[:, 1] <= before)]
@@ -171,65 +165,48 @@ def _other_alone(strides: Strides, side: int) -> float:
     return seconds
 
 
-def _cut(source: SourceEstimate, placement: str) -> Spans:
-    """Begin and end of walking before the first and after the last stride of a sensor [s]."""
-    first, last = (float(source.estimate.time[row]) for row in (0, -1))
-    facts = of_sensor(source.quality, placement)
-    before = [(first, first + facts.walks_before)] if facts.walks_before else []
-    return before + ([(last - facts.walks_after, last)] if facts.walks_after else [])
-
-
 def _whole(source: SourceEstimate, way: np.ndarray, sd: float, doubtful: bool, used: list[_Side]) -> WalkedDistance:
-    """The distance of a source, with the distance walked in times that no stride of its sides covers.
-
-    The distance of the trunk contains short losses, in which its strides are left out.
+    """The distance of a source, with the distance walked in times that no stride of its sides covers. The distance of
+    the trunk contains short losses, in which its strides are left out.
     """
-    estimate = source.estimate
-    time, measured_way = as_float(estimate.time), way
+    time, measured_way = as_float(source.estimate.time), way
     added = {"cut": 0.0, "bridged": 0.0}
     for side in used:
-        for name in added:
-            for begin, end in getattr(side, name):
+        for name, spans in side.added.items():
+            for begin, end in spans:
                 gained = 0.0 if side.name else float(np.diff(np.interp([begin, end], time, measured_way))[0])
                 metres = max(side.speed * (end - begin) - gained, 0.0) / len(used)
                 way = way + np.interp(time, [begin, end], [0.0, metres])
                 added[name] += metres
+    unknown, lacking = USUAL_SPEED * float(np.median(np.diff(time)) * np.sum(~np.asarray(source.estimate.valid))), 0.0
     if used:
-        unknown = float(np.mean([used_side.unknown for used_side in used]))
-    else:
-        unknown = USUAL_SPEED * float(np.median(np.diff(time)) * np.sum(~np.asarray(estimate.valid, bool)))
+        unknown, lacking = np.mean([(side.unknown, side.lacking) for side in used], axis=0).tolist()
     # [1] a person can also stand still there; chosen
     unseen = float(np.linalg.norm([unknown, *(0.3 * metres for metres in added.values())]))
-    lacking = float(np.mean([used_side.lacking for used_side in used])) if used else 0.0
     spread = float(np.linalg.norm([sd, unseen, lacking]))
     return WalkedDistance(source.name, time, way, spread, doubtful, **added, unseen=unseen)
 
 
-def _by_strides(source: SourceEstimate, side: _Side, total: float) -> np.ndarray:
-    """(T,) [m] distance along the strides of one side, `total` at its end. In the mean of both sides, a bout that only
-    one side measured would have a part of its length.
+def _by_strides(estimate: Estimate, rows: np.ndarray, total: float) -> np.ndarray:
+    """(T,) [m] distance along some strides, `total` at its end. In the mean of both sides, a bout that only one side
+    measured would have a part of its length.
     """
-    strides, time = source.estimate.strides, as_float(source.estimate.time)
-    rows = np.flatnonzero(np.asarray(strides.valid, bool) & (np.asarray(strides.side) == SIDES.index(side.name)))
-    rows = rows[np.argsort(as_float(strides.end)[rows], kind="stable")]
-    start, end, length = (as_float(column)[rows] for column in (strides.start, strides.end, strides.length))
+    strides, time = estimate.strides, as_float(estimate.time)
     if not len(rows):
         return np.zeros(time.size)
+    start, end, length = (as_float(column)[rows] for column in (strides.start, strides.end, strides.length))
     knots = np.maximum.accumulate(np.stack([start, end], axis=1).ravel())
     done = np.cumsum(np.nan_to_num(length))
     way = np.interp(time, knots, np.stack([done - np.nan_to_num(length), done], axis=1).ravel())
-    return way * (total / max(float(done[-1]), 1e-6))
+    return np.asarray(way * (total / max(float(done[-1]), 1e-6)))
 
 
 def _not_seen(imu: Imu, start: np.ndarray, end: np.ndarray, usual: float) -> tuple[float, Spans]:
-    """Walking that is lost between strides, which are given by start and end [s] in the order of their starts.
+    """Walking that is lost between strides, which are given by start and end [s] in the order of their starts: the
+    duration [s] in which strides can be missing, and the losses in walking between two strides.
 
     A stride is measured from one stance to the next, so that a loss up to the middle of the stance after its end can
     take it away. `usual` is the duration of a stride [s].
-
-    Returns:
-        Duration [s] in which strides can be missing, and the losses in walking: begin and end [s] of those between two
-        strides, with little more time than the loss.
     """
     time, lost, seconds, bridged = as_float(imu.time), ~np.asarray(imu.mask, bool), 0.0, []
     after, before = np.maximum.accumulate([time[0], *end]), np.array([*start, time[-1]])
@@ -257,31 +234,25 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
     """
     if not distances:
         return None, []
-    sure = [distance for distance in distances if not distance.doubtful]
-    apart = 0.0
+    apart, sure = 0.0, [distance for distance in distances if not distance.doubtful]
     if not sure:
-        totals = np.array([distance.distance[-1] for distance in distances])
+        totals, sure = np.array([distance.distance[-1] for distance in distances]), list(distances)
         apart = float(np.hypot(0.5 * np.ptp(totals), 0.1 * totals.mean()))  # chosen with simulated runners
-    sure = sure or list(distances)
     ends, common = np.array([distance.distance[-1] for distance in sure]), min(distance.unseen for distance in sure)
     # [m²] variances can be compared
     independent_sd = np.sqrt(np.maximum(np.square([distance.stddev for distance in sure]) - common**2, 1e-12))
     value, sd, kept = combined(ends, independent_sd, correlation([distance.source for distance in sure]))
-    best = next(distance for distance, keeps in zip(sure, kept, strict=True) if keeps)
-    total = best.distance[-1]
+    used = [distance for distance, keeps in zip(sure, kept, strict=True) if keeps]
+    best, total = used[0], used[0].distance[-1]
     notes = [
-        DISTANCES_DIFFER(
-            source=best.source, distance=total, other=distance.source, other_distance=distance.distance[-1]
-        )
-        for distance in distances
-        if abs(distance.distance[-1] - best.distance[-1]) > CONSISTENT * float(np.hypot(distance.stddev, best.stddev))
-    ]  # fmt: skip
+        DISTANCES_DIFFER(source=best.source, distance=total, other=each.source, other_distance=each.distance[-1])
+        for each in distances
+        if abs(each.distance[-1] - total) > CONSISTENT * float(np.hypot(each.stddev, best.stddev))
+    ]
     for metres, where in (
         (best.cut, "before the first and after the last whole stride"), (best.bridged, "in losses of samples"),
     ):  # fmt: skip
         if metres >= 0.05:  # less is 0.0 m in words
             notes.append(DISTANCE_ADDED(metres=metres, where=where))
-    used = "+".join(distance.source for distance, keeps in zip(sure, kept, strict=True) if keeps)
-    way = best.distance * value / best.distance[-1]
-    spread = float(np.linalg.norm([sd, common, apart]))
-    return best._replace(source=used, distance=way, stddev=spread), notes
+    name, spread = "+".join(distance.source for distance in used), float(np.linalg.norm([sd, common, apart]))
+    return best._replace(source=name, distance=best.distance * value / total, stddev=spread), notes

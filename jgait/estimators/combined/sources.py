@@ -38,21 +38,13 @@ MEASURES = {
 
 @record
 class SourceEstimate(NamedTuple):
-    """A group of sensors that measures gait alone, and its estimate.
+    """A group of sensors that measures gait alone, and its estimate."""
 
-    Attributes:
-        name: "feet", "ankles", "shanks", "waist", "legs" or "width".
-        estimator: name of the estimator.
-        placements: placements of its sensors.
-        estimate: the estimate.
-        params: parameters of the estimate.
-    """
-
-    name: str
-    estimator: str
-    placements: tuple[str, ...]
+    name: str  #: "feet", "ankles", "shanks", "waist", "legs" or "width".
+    estimator: str  #: name of the estimator.
+    placements: tuple[str, ...]  #: placements of its sensors.
     estimate: Estimate
-    params: PyTree
+    params: PyTree  #: parameters of the estimate.
 
     @property
     def quality(self) -> dict[str, SensorQuality]:
@@ -75,14 +67,10 @@ def _ankle_stride(site: str) -> Estimator[PyTree, PyTree]:
     return made._replace(prepare=lambda recording: made.prepare(recording)._replace(options=ankle_stride.DEFAULT))
 
 
-def _pair(kind: str) -> Callable[[Recording], tuple[str, ...]]:
-    return lambda recording: tuple(f"{kind}_{side}" for side in SIDES if f"{kind}_{side}" in recording.sensors)
-
-
-def _legs(recording: Recording) -> tuple[str, ...]:
-    """Thigh and shank of each leg that has both."""
-    pairs = [(f"thigh_{side}", f"shank_{side}") for side in SIDES]
-    return tuple(name for pair in pairs if set(pair) <= set(recording.sensors) for name in pair)
+def _worn(*segments: str) -> Callable[[Recording], tuple[str, ...]]:
+    """The sensors on some segments of each leg that has all of them."""
+    legs = [[f"{segment}_{side}" for segment in segments] for side in SIDES]
+    return lambda recording: tuple(name for leg in legs if set(leg) <= set(recording.sensors) for name in leg)
 
 
 def _trunk(recording: Recording) -> tuple[str, ...]:
@@ -90,7 +78,7 @@ def _trunk(recording: Recording) -> tuple[str, ...]:
 
 
 def _ranged(recording: Recording) -> tuple[str, ...]:
-    feet = _pair("foot")(recording)
+    feet = _worn("foot")(recording)
     return feet if len(feet) == 2 and recording.feet_range is not None else ()
 
 
@@ -98,11 +86,11 @@ KINEMATICS = leg_ekf.DEFAULT._replace(distance="stance")
 """Options of the legs: their distance is independent of that of the shanks, which are a source of their own."""
 
 WAYS = (
-    _Way("feet", foot_ins.estimator, _pair("foot")),
-    _Way("ankles", lambda: _ankle_stride("ankle"), _pair("ankle")),
-    _Way("shanks", lambda: _ankle_stride("shank"), _pair("shank")),
+    _Way("feet", foot_ins.estimator, _worn("foot")),
+    _Way("ankles", lambda: _ankle_stride("ankle"), _worn("ankle")),
+    _Way("shanks", lambda: _ankle_stride("shank"), _worn("shank")),
     _Way("waist", waist.estimator, _trunk),
-    _Way("legs", lambda: leg_ekf.estimator(KINEMATICS), _legs),
+    _Way("legs", lambda: leg_ekf.estimator(KINEMATICS), _worn("thigh", "shank")),
     _Way("width", stride_width_ekf.estimator, _ranged),
 )
 """All sources; if several measure a stride, its times come from the first."""
@@ -112,7 +100,6 @@ def sources(
     recording: Recording, person: Mapping[str, PyTree], measured: Mapping[str, Imu]
 ) -> tuple[list[SourceEstimate], list[Note]]:
     """Every source that the sensors allow, and notes about measures from the height and sources without an estimate.
-
     `measured` are sensors as they were, for a source whose path goes on through movements that are no walking.
 
     Raises:
@@ -190,13 +177,9 @@ def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]
 def with_time_wrong(
     estimates: list[SourceEstimate], quality: Mapping[str, SensorQuality]
 ) -> tuple[list[SourceEstimate], float, frozenset[str]]:
-    """The sources, with the effect of wrong times between samples, or of wrong rates of sensors on the legs.
-
-    If the rates of every foot, ankle and shank are off, the sampling rate of all sensors may be wrong.
-
-    Returns:
-        The sources, perhaps with larger deviations; the relative deviation of lengths [1] that was added, or zero; the
-        placements whose angles are wrong.
+    """The sources, with larger deviations where times between samples, or rates of sensors on the legs, are wrong; the
+    relative deviation of lengths [1] that was added, or zero; the placements whose angles are wrong. If the rates of
+    every foot, ankle and shank are off, the sampling rate of all sensors may be wrong.
     """
     worn = {
         name for source in estimates if source.estimator in ("foot_ins", "ankle_stride") for name in source.placements
@@ -212,9 +195,9 @@ def with_time_wrong(
         return estimates, 0.0, frozenset(off)
     # [1] with a fiftieth of the rows, lengths of recorded walks were off by 4 to 13 %
     share = 0.1 if many else float(np.mean(list(off.values())))
-    changed = list(estimates)
-    for number, source in enumerate(estimates):
-        if source.estimate.strides is not None and not off.keys() & set(source.placements):
-            each = np.full(np.shape(source.estimate.strides.side), share)
-            changed[number] = source._replace(estimate=widened(source.estimate, each))
+    changed = [
+        source if source.estimate.strides is None or off.keys() & set(source.placements)
+        else source._replace(estimate=widened(source.estimate, np.full(np.shape(source.estimate.strides.side), share)))
+        for source in estimates
+    ]  # fmt: skip
     return changed, share, frozenset(name for source in estimates for name in source.placements)

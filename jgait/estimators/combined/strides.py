@@ -42,25 +42,15 @@ FLAGS = (TURNING, STAIRS, HALF, CLIPPED, UNSURE, SIDE_UNKNOWN)
 
 @record
 class JoinedStrides(NamedTuple):
-    """Strides of all sources, each once, (n,) in the order of their starts.
-
-    Attributes:
-        strides: the strides.
-        stddev: their standard deviations.
-        rows: source → (n,) row of the stride in the source's estimate; −1 where the source lacks the stride.
-        used: source → (n,) bool, the source's length is part of the combined length.
-        first: (n,) name of the source of times and flags.
-        flags: name of a flag → (n,) bool.
-        contradicts: (n,) bool, lengths of sources differ by more than `CONSISTENT`.
-    """
+    """Strides of all sources, each once, (n,) in the order of their starts."""
 
     strides: Strides
-    stddev: Strides
-    rows: dict[str, np.ndarray]
-    used: dict[str, np.ndarray]
-    first: tuple[str, ...]
-    flags: dict[str, np.ndarray]
-    contradicts: np.ndarray
+    stddev: Strides  #: their standard deviations.
+    rows: dict[str, np.ndarray]  #: source → (n,) row of the stride in the source's estimate; −1 where it lacks it.
+    used: dict[str, np.ndarray]  #: source → (n,) bool, the source's length is part of the combined length.
+    first: tuple[str, ...]  #: (n,) name of the source of times and flags.
+    flags: dict[str, np.ndarray]  #: name of a flag → (n,) bool.
+    contradicts: np.ndarray  #: (n,) bool, lengths of sources differ by more than `CONSISTENT`.
 
 
 def joined(
@@ -68,11 +58,8 @@ def joined(
 ) -> JoinedStrides | None:
     """The strides of all sources as one table; None if no source has a stride.
 
-    Args:
-        sources: in the order in which times are preferred.
-        doubtful: placements whose times do not count, unless nothing else is left.
-        wrong: those of them whose strides are in doubt themselves, and not only their times. Lengths of the others
-            count for the strides that they are the same as.
+    Sources are in the order in which times are preferred. Times of placements in `doubtful` do not count, unless
+    nothing else is left; strides of those in `wrong` are in doubt themselves.
     """
     columns = [_columns(s, doubtful, wrong) for s in sources if s.estimate.strides is not None and s.name != "width"]
     unlike = [any(facts.unlike or facts.runs for facts in c.source.quality.values()) for c in columns]
@@ -166,9 +153,8 @@ AT = {name: number for number, name in enumerate(FIELDS)}
 
 
 def _stride(columns: Mapping[str, _Columns], group: dict[str, int]) -> _JoinedStride:
-    """A stride from its row in each source; rows in doubt count only where no other source has the stride.
-
-    If the clock of a source is in doubt, all but its times count.
+    """A stride from its row in each source; rows in doubt count only where no other source has the stride. If the clock
+    of a source is in doubt, all but its times count.
     """
     every = [name for name in columns if name in group]
     value, sd = ({name: getattr(columns[name], part)[group[name]] for name in every} for part in ("values", "spread"))
@@ -245,36 +231,27 @@ def combined(
 
     Two measurements agree if they differ by at most `CONSISTENT` standard deviations of the difference. The mean
     contains the measurement with which most independent ones agree, and these; if several have as many, the most
-    certain of them.
-    Correlated measurements count as fewer, because sources with the same method share its errors. The others are not
-    used; if as many independent ones support one of them, the deviation includes half of the difference from it.
-    `correlation` (k, k) is that of the errors; None: independent.
+    certain of them. The others are not used; if as many independent ones support one of them, the deviation includes
+    half of the difference from it. `correlation` (k, k) is that of the errors; None: independent.
     """
     cov = np.outer(deviations, deviations) * (np.eye(len(values)) if correlation is None else correlation)
     apart = np.abs(values[:, None] - values)
     spread = np.sqrt(np.diag(cov)[:, None] + np.diag(cov) - 2.0 * cov)
     # of those that agree with one, only the less certain ones support it: what is uncertain agrees with everything
     agree = (apart <= CONSISTENT * spread) & (deviations[:, None] <= deviations)
-    support = [_independent(cov[np.ix_(members, members)]) for members in agree]
+    # correlated measurements count as fewer: as many independent ones, rounded down, have the same information
+    shared = cov / np.outer(deviations, deviations)
+    support = [
+        int(np.linalg.solve(shared[np.ix_(members, members)], np.ones(members.sum())).sum() + 1e-9) for members in agree
+    ]
     best = min(range(len(cov)), key=lambda number: (-support[number], deviations[number]))
     kept = agree[best]
     rivals = [apart[best, number] for number in np.flatnonzero(~kept) if support[number] == support[best]]
-    mean, variance = _mean(values[kept], cov[np.ix_(kept, kept)])
-    return mean, float(np.hypot(np.sqrt(variance), 0.5 * min(rivals, default=0.0))), kept
-
-
-def _independent(cov: np.ndarray) -> int:
-    """Number of independent measurements with the same information as correlated ones, rounded down."""
-    deviations = np.sqrt(np.diag(cov))
-    return int(np.linalg.solve(cov / np.outer(deviations, deviations), np.ones(len(cov))).sum() + 1e-9)
-
-
-def _mean(values: np.ndarray, cov: np.ndarray) -> tuple[float, float]:
-    """The mean of the least variance, with weights that are not negative, and its variance."""
-    weights = np.linalg.solve(cov, np.ones(len(values)))
+    weights = np.linalg.solve(cov[np.ix_(kept, kept)], np.ones(kept.sum()))
     weights = np.maximum(weights, 0.0)  # a strongly correlated, less certain measurement would get a negative weight
     weights = weights / weights.sum()
-    return float(weights @ values), float(weights @ cov @ weights)
+    sd = np.sqrt(weights @ cov[np.ix_(kept, kept)] @ weights)
+    return float(weights @ values[kept]), float(np.hypot(sd, 0.5 * min(rivals, default=0.0))), kept
 
 
 def _widths(

@@ -48,22 +48,17 @@ def analysis(walked):
     return jgait.analyse(walked[0], PERSON)
 
 
-@pytest.mark.parametrize("seconds", [0.13])
-def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis, seconds):
-    foot = walked[0].sensors["foot_right"]
-    late = {name: np.roll(getattr(foot, name), round(100.0 * seconds), axis=0) for name in ("gyr", "acc", "mask")}
-    now = jgait.analyse(changed(walked[0], foot_right=foot._replace(**late)), PERSON)
-    assert not of_code(analysis.notes, "clock_off")
-    found = of_code(now.notes, "clock_off")
-    assert found
-    for note in found:
-        assert note.values["words"] == "earlier"
-        assert abs(note.values["seconds"] - seconds) < 0.05
-    before, after = (io.analysis_to_dataframes(one)["summary"].set_index("measure") for one in (analysis, now))
+def test_a_late_foot_does_not_become_a_limp_without_a_note(walked, analysis):
+    rows = harm.rows_of(walked[0], PLACEMENTS)
+    damage = harm.DAMAGES["sensor 0.1 s late"].change(rows, "foot_right", np.random.default_rng(1))
+    now = jgait.analyse(harm.read(damage, "walk"), PERSON)
+    assert of_code(now.notes, "clocks_apart") and not of_code(analysis.notes, "clocks_apart")
+    before, after = (
+        io.analysis_to_dataframes(one)["summary"].set_index("measure").reindex(["step_duration"])
+        for one in (analysis, now)
+    )
     sided = ["right", "left", "asymmetry_pct", "asymmetry_std_pct"]
-    assert before.loc["step_duration", sided].notna().all() and after.loc["step_duration", sided].isna().all()
-    assert after.loc["step_duration", "mean"] == pytest.approx(before.loc["step_duration", "mean"], abs=0.02)
-    assert after.loc["stance", sided].notna().all()  # of one clock
+    assert before[sided].notna().all(axis=None) and after[sided].isna().all(axis=None)
 
 
 def test_sensors_whose_clocks_differ_still_measure_lengths(walked):
