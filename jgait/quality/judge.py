@@ -33,21 +33,17 @@ REASONS = {
 """Evidence → what it means, in words."""
 
 STRIDES_DOUBTFUL = Kind(
-    "strides_doubtful",
-    "check",
-    "{placement}: {strides} of {total} strides {strides:is|are} in doubt: {reason}",
+    "strides_doubtful", "check", "{placement}: {strides} of {total} strides {strides:is|are} in doubt: {reason}",
     "A stride is in doubt if its length is probably off by more than three stated deviations, as learned from strides "
     "of many people beside a reference. Sliding, kneeling, running, a loose or wrong sensor do this. Fasten the sensor "
     "and record the walk again, or use the strides that are not in doubt.",
-)
-
+)  # fmt: skip
 STANCES_RARE = Kind(
-    "stances_rare",
-    "stop",
+    "stances_rare", "stop",
     "{placement}: lengths of {uncertain} of {total} strides are uncertain by more than {limit_m:g} m",
     "Motion is integrated from one rest of the foot to the next, and drifts by metres without them. Do not use "
     "positions and lengths. Rests are missing where samples are lost; a kneeling or carried foot does not stand.",
-)
+)  # fmt: skip
 
 
 @record
@@ -70,30 +66,25 @@ def trust(estimate: Estimate) -> Trust:
     return Trust(~doubted, sound and all(share <= DOUBTED_SHARE for share in shares))
 
 
-def reason(p: QualityParams, quality: StrideQuality, rows: np.ndarray) -> str:
+def _reason(p: QualityParams, quality: StrideQuality, rows: np.ndarray) -> str:
     """What puts some strides in doubt, in words: the evidence with the largest part in it."""
-    parts = {
-        name: float(np.asarray(p.wrong)[EVIDENCE.index(name)])
-        * float(np.mean(np.broadcast_to(values, quality.doubt.shape)[rows]))
-        for name, values in quality.evidence.items()
-    }
+    weights = dict(zip(EVIDENCE, np.asarray(p.wrong), strict=True))
+    size = quality.doubt.shape
+    parts = {n: weights[n] * float(np.broadcast_to(v, size)[rows].mean()) for n, v in quality.evidence.items()}
     return REASONS[max(parts, key=lambda name: parts[name])]
 
 
 def judged(
     estimate: Estimate, estimator: str, evidence: Mapping[str, np.ndarray], placements: Mapping[int, str]
 ) -> Estimate:
-    """The estimate with deviations and doubt of its strides, and notes on sensors whose strides are in doubt.
+    """The estimate with deviations and doubt of its strides, see `with_doubt`, and notes on sensors whose strides are
+    in doubt.
 
     Args:
         estimate: with strides and their deviations as the method states them, and facts about sensors.
         estimator: name of the estimator, whose learned numbers are used.
         evidence: name → (n,), in the order of the strides.
         placements: side (0 right, 1 left) → sensor that measures its strides.
-
-    Returns:
-        The estimate; `diagnostics["quality"]` is a `StrideQuality`, `diagnostics["doubtful"]` (n,) bool is True where
-        the doubt is above `DOUBTFUL_FROM`.
     """
     p = learned(estimator)
     estimate = with_doubt(estimate, p, evidence)
@@ -104,10 +95,9 @@ def judged(
     rare: dict[str, SensorQuality] = {}
     for name in dict.fromkeys(placements.values()):
         rows = np.isin(side, [number for number, placement in placements.items() if placement == name])
-        uncertain, many, total = (int(part.sum()) for part in (deviations[rows] > UNCERTAIN, doubtful[rows], rows))
+        uncertain, many, total = (int(part.sum()) for part in (rows & (deviations > UNCERTAIN), rows & doubtful, rows))
         rare[name] = SensorQuality(unusable=uncertain > DOUBTED_SHARE * total)
-        why = reason(p, quality, rows & doubtful) if many else ""
-        notes += doubts_of(name, uncertain, many, total, why)
+        notes += doubts_of(name, uncertain, many, total, _reason(p, quality, rows & doubtful) if many else "")
     more = {"notes": (*diagnostics["notes"], *notes), "sensors": merged(diagnostics["sensors"], rare)}
     return estimate._replace(diagnostics={**diagnostics, **more})
 

@@ -69,13 +69,8 @@ def weighted(weights: Values, evidence: Mapping[str, Values]) -> Values:
 
 
 def factor(p: QualityParams, evidence: Mapping[str, Values], stated: Values, length: Values) -> Values:
-    """The deviation s of the error over the stated one σ [1].
-
-    Args:
-        p: numbers of the model.
-        evidence: name → (n,).
-        stated: deviations that the method states [m], (n,).
-        length: of the strides [m], (n,).
+    """The deviation s of the error over the stated one σ [1], for evidence (n,) by name, deviations that the method
+    states (n,) [m] and lengths of the strides (n,) [m].
     """
     share = sum((getattr(p, name) * evidence[name] for name in SHARES if name in evidence), start=0.0)
     relative = share * xp.abs(length) / xp.maximum(stated, 1e-6)
@@ -97,15 +92,8 @@ def _beyond(deviation: Values) -> Values:
 def log_likelihood(
     p: QualityParams, evidence: Mapping[str, Values], error: Values, stated: Values, length: Values, reference: Values
 ) -> Values:
-    """The logarithm of the density of each error (n,) [nat], for tuning.
-
-    Args:
-        p: numbers of the model.
-        evidence: name → (n,).
-        error: of the lengths [m], (n,).
-        stated: deviations that the method states [m], (n,).
-        length: of the strides [m], (n,).
-        reference: deviation of the reference itself [m], (n,).
+    """The logarithm of the density of each error of a length (n,) [m], for tuning; `reference` (n,) is the deviation of
+    the reference itself [m], other arguments are those of `factor`.
     """
     odds, usual = p.odds + weighted(p.wrong, evidence), factor(p, evidence, stated, length) * stated
 
@@ -118,16 +106,10 @@ def log_likelihood(
 
 
 def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.ndarray]) -> Estimate:
-    """The estimate with deviations of strides and of the distance by the model, and `quality` in its diagnostics.
+    """The estimate with deviations of strides and of the distance by the model, from evidence (n,) by name.
 
-    Args:
-        estimate: with strides and their deviations as the method states them.
-        p: numbers of the model.
-        evidence: name → (n,), in the order of the strides.
-
-    Returns:
-        The estimate; `diagnostics["quality"]` is a `StrideQuality`, `diagnostics["doubtful"]` (n,) bool is True where
-        the doubt is above `DOUBTFUL_FROM`.
+    `diagnostics["quality"]` is a `StrideQuality`, `diagnostics["doubtful"]` (n,) bool is True where the doubt is above
+    `DOUBTFUL_FROM`.
     """
     strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
     times = as_float(factor(p, evidence, as_float(deviations.length), as_float(strides.length)))
@@ -138,7 +120,7 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
         "doubtful": probability > DOUBTFUL_FROM,
     }
     if "distance_stddev" in diagnostics and times.size:
-        lengths = np.where(np.asarray(strides.valid, bool), np.nan_to_num(as_float(strides.length)), 0.0)
+        lengths = _lengths(strides)
         mean = np.cumsum(times * lengths) / np.maximum(np.cumsum(lengths), 1e-9)
         so_far = np.interp(as_float(estimate.time), as_float(strides.end), mean)
         diagnostics["distance_stddev"] = as_float(diagnostics["distance_stddev"]) * so_far
@@ -175,19 +157,26 @@ def to_dict(p: QualityParams) -> dict[str, Any]:
     return {**{name: round(float(getattr(p, name)), 4) for name in NUMBERS}, **weights}
 
 
-def widened(estimate: Estimate, share: np.ndarray) -> Estimate:
-    """The estimate with an additional relative deviation (n,) [1] of strides, and of their part of the distance.
+def _lengths(strides: Strides) -> np.ndarray:
+    """(n,) lengths [m], 0 for strides that are not valid."""
+    return np.where(np.asarray(strides.valid, bool), np.nan_to_num(as_float(strides.length)), 0.0)
 
-    Errors of strides are taken to have one cause, so that they add up in the distance.
+
+def widened(estimate: Estimate, share: np.ndarray | float) -> Estimate:
+    """The estimate with an additional relative deviation of strides (n,), or of all lengths [1], and of the distance.
+
+    Errors are taken to have one cause, so that they add up in the distance.
     """
-    strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
-    if not share.any():
+    if not np.any(share):
         return estimate
+    strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
     if "distance_stddev" in diagnostics:
-        lengths = np.where(np.asarray(strides.valid, bool), as_float(strides.length), 0.0)
-        errors = np.cumsum(share * lengths) / max(float(lengths.sum()), 1e-9)
-        so_far = np.interp(as_float(estimate.time), as_float(strides.end), errors, left=0.0)
-        more = so_far * abs(float(estimate.distance[-1]))
+        more = share * np.abs(as_float(estimate.distance)) if np.ndim(share) == 0 else 0.0
+        if np.ndim(share):
+            lengths = _lengths(strides)
+            errors = np.cumsum(share * lengths) / max(float(lengths.sum()), 1e-9)
+            so_far = np.interp(as_float(estimate.time), as_float(strides.end), errors, left=0.0)
+            more = so_far * abs(float(estimate.distance[-1]))
         diagnostics["distance_stddev"] = np.hypot(as_float(diagnostics["distance_stddev"]), more)
     if deviations is not None:
         deviations = with_share(deviations, strides, share)
@@ -214,14 +203,5 @@ def length_share(quality: Mapping[str, SensorQuality]) -> float:
 
 
 def with_time_spread(estimate: Estimate, quality: Mapping[str, SensorQuality]) -> Estimate:
-    """The estimate of one recording with the deviation of lengths by `length_share`; all errors have one cause."""
-    share = length_share(quality)
-    deviations, diagnostics = estimate.strides_stddev, dict(estimate.diagnostics)
-    if not share:
-        return estimate
-    if "distance_stddev" in diagnostics:
-        spread = as_float(diagnostics["distance_stddev"])
-        diagnostics["distance_stddev"] = np.hypot(spread, share * np.abs(as_float(estimate.distance)))
-    if deviations is not None:
-        deviations = with_share(deviations, estimate.strides, share)
-    return estimate._replace(strides_stddev=deviations, diagnostics=diagnostics)
+    """The estimate of one recording with the deviation of lengths by `length_share`."""
+    return widened(estimate, length_share(quality))

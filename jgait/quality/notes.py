@@ -6,26 +6,20 @@ from jgait.notes import Kind, Note
 from jgait.quality.sensor import SensorQuality, above, opposite
 
 SENSOR_LEFT_OUT = Kind(
-    "sensor_left_out",
-    "check",
-    "{placement} is left out: {reason}",
+    "sensor_left_out", "check", "{placement} is left out: {reason}",
     "The numbers of this sensor cannot be right. What the other sensors measure does not depend on it.",
-)
+)  # fmt: skip
 CONTRADICTS = Kind(
-    "sensor_contradicts",
-    "check",
-    "",
+    "sensor_contradicts", "check", "",
     "Sign, order or handedness of the axes, the unit or the scale of a gyroscope or an accelerometer, or the sampling "
     "rate, is wrong, or the sensor sat elsewhere. What is computed from this sensor is wrong as well.",
-)
+)  # fmt: skip
 """A sensor that contradicts itself, or the other sensors of the person."""
 CLOCKS_APART = Kind(
-    "clocks_apart",
-    "check",
-    "",
+    "clocks_apart", "check", "",
     "Signals that are computed together have to be measured at the same time: angles between two segments, and speeds "
     "and lengths from both signals of one sensor, are wrong by many per cent.",
-)
+)  # fmt: skip
 """A signal that is late behind another one."""
 
 

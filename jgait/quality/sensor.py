@@ -15,64 +15,35 @@ class SensorQuality(NamedTuple):
     """Facts about one sensor in one recording; each default is the value of a sensor without that fault.
 
     Readers fill the first part from the signals alone, estimators the second part from the walk that they measure.
-
-    Attributes:
-        left_out: why a reader left the sensor out; "" if the reader kept the sensor.
-        contradicts: True if the sensor's signals contradict gravity, each other or the other sensors of the person.
-        acc_late: delay of the accelerometer behind the gyroscope [s].
-        late: delay behind the sensor above it on the same leg [s].
-        faster: rate over that of the same segment of the other leg, if this one turns faster than a usual leg [1].
-        step_share: time from a step of the other foot to the next one of this foot [strides].
-        rows_lost: number of places at which rows of the file are missing although time goes on.
-        rows_twice: number of rows of the file that are written twice although time goes on.
-        begin: time of the first sample in the file [s], from which times count.
-        time_spread: relative deviation of the interval between samples [1]; 0 where time stamps measure it.
-        force_off: relative difference of the accelerometer at rest from gravity [1].
-        rates_factor: factor on the rates with which the signals fit from stance to stance [1].
-        rates_off: True if that factor is far from 1.
-        lever_off: distance from the place of the sensor that fits the strides to the place where it is worn [m].
-        gyr_clipped: number of samples in which the gyroscope clips.
-        acc_clipped: number of samples in which the accelerometer clips.
-        lost: number of lost samples.
-        strides_missing: number of strides that are left out because of lost samples.
-        swings: number of swings that are counted as strides, stated with `small_swings`.
-        small_swings: number of swings that are too small to be counted as strides, if they are many.
-        walks_before: duration of walking before the first whole stride [s].
-        walks_after: duration of walking after the last whole stride [s].
-        quick_stride: median duration of a stride, if it is as short as in running [s]; else inf.
-        unlike: True if the walk is unlike those from which the estimator's lengths were learned.
-        unusable: True if the estimator states that its numbers from this sensor must not be used.
-        slips_at: time from the first sample at which the sensor slipped on its segment [s]; inf if it did not.
-        alone: True if the sensor is not used because the other segment of its leg has no sensor.
     """
 
-    left_out: str = ""
-    contradicts: bool = False
-    acc_late: float = 0.0
-    late: float = 0.0
-    faster: float = 1.0
-    step_share: float = 0.5
-    rows_lost: int = 0
-    rows_twice: int = 0
-    begin: float = 0.0
-    time_spread: float = 0.0
-    force_off: float = 0.0
-    rates_factor: float = 1.0
-    rates_off: bool = False
-    lever_off: float = 0.0
-    gyr_clipped: int = 0
-    acc_clipped: int = 0
-    lost: int = 0
-    strides_missing: int = 0
-    swings: int = 0
-    small_swings: int = 0
-    walks_before: float = 0.0
-    walks_after: float = 0.0
-    quick_stride: float = np.inf
-    unlike: bool = False
-    unusable: bool = False
-    slips_at: float = np.inf
-    alone: bool = False
+    left_out: str = ""  #: why a reader left the sensor out; "" if the reader kept the sensor.
+    contradicts: bool = False  #: the signals contradict gravity, each other or the other sensors of the person.
+    acc_late: float = 0.0  #: delay of the accelerometer behind the gyroscope [s].
+    late: float = 0.0  #: delay behind the sensor above it on the same leg [s].
+    faster: float = 1.0  #: rate over that of the same segment of the other leg, if larger than on a usual leg [1].
+    step_share: float = 0.5  #: time from a step of the other foot to the next one of this foot [strides].
+    rows_lost: int = 0  #: number of places at which rows of the file are missing although time goes on.
+    rows_twice: int = 0  #: number of rows of the file that are written twice although time goes on.
+    begin: float = 0.0  #: time of the first sample in the file [s], from which times count.
+    time_spread: float = 0.0  #: relative deviation of the interval between samples [1]; 0 if time stamps measure it.
+    force_off: float = 0.0  #: relative difference of the accelerometer at rest from gravity [1].
+    rates_factor: float = 1.0  #: factor on the rates with which the signals fit from stance to stance [1].
+    rates_off: bool = False  #: that factor is far from 1.
+    lever_off: float = 0.0  #: distance of the place of the sensor that fits the strides from where it is worn [m].
+    gyr_clipped: int = 0  #: number of samples in which the gyroscope clips.
+    acc_clipped: int = 0  #: number of samples in which the accelerometer clips.
+    lost: int = 0  #: number of lost samples.
+    strides_missing: int = 0  #: number of strides that are left out because of lost samples.
+    swings: int = 0  #: number of swings that are counted as strides, stated with `small_swings`.
+    small_swings: int = 0  #: number of swings that are too small to be counted as strides, if they are many.
+    walks_before: float = 0.0  #: duration of walking before the first whole stride [s].
+    walks_after: float = 0.0  #: duration of walking after the last whole stride [s].
+    quick_stride: float = np.inf  #: median duration of a stride, if it is as short as in running [s]; else inf.
+    unlike: bool = False  #: the walk is unlike those from which the estimator's lengths were learned.
+    unusable: bool = False  #: the estimator states that its numbers from this sensor must not be used.
+    slips_at: float = np.inf  #: time from the first sample at which the sensor slipped on its segment [s]; inf: never.
+    alone: bool = False  #: the sensor is not used because the other segment of its leg has no sensor.
 
     @property
     def incomplete(self) -> bool:

@@ -64,13 +64,8 @@ class StrideQuality(NamedTuple):
 
 
 def nis_between(nis: Values, count: Counts, begin: Counts, end: Counts) -> Values:
-    """Mean normalised innovation squared (n,) [1] of the observations after sample `begin` and up to sample `end`.
-
-    Args:
-        nis: (T,) normalised innovation squared of each sample, 0 without an observation.
-        count: (T,) number of observed components.
-        begin: (n,) first sample of each stride, exclusive.
-        end: (n,) last sample.
+    """Mean normalised innovation squared (n,) [1] of the observations after sample `begin` and up to sample `end` of
+    each stride, from that of each sample (T,), 0 without an observation, and the number of observed components (T,).
     """
     values = xp.where(xp.isfinite(nis), nis, 0.0)
     both = xp.cumsum(xp.stack([values, count.astype(nis.dtype)], axis=1), axis=0)
