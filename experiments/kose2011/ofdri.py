@@ -9,8 +9,7 @@ import numpy as np
 
 from experiments.common.row import Row
 from jgait.estimators.waist import ofdri as direct_reverse
-from jgait.estimators.waist.ofdri import Cycles
-from jgait.estimators.waist.optimum import optimum_cutoffs
+from jgait.estimators.waist.ofdri import Cycles, optimum_cutoffs
 
 CYCLES, RATE_HZ = 1000, 100.0
 

@@ -50,11 +50,10 @@ swing there."""
 
 TAIL, WRONG, RESTLESS, RESTLESS_RAD_PER_M = 3.0, 3e-4, 2.5, 3.0
 """[1], [1], [1], [rad/m] The likelihood of the velocity in stance over that in swing is (1 + (v / scale)² / 4) to the
-power −`TAIL`, the tail of Student's t, plus `WRONG`. That of the `unrest` is the power −`RESTLESS` of its ratio to
+power −`TAIL`, the tail of Student's t, plus `WRONG`; that of the `unrest` is the power −`RESTLESS` of its ratio to
 `RESTLESS_RAD_PER_M` times the largest velocity. Learned from 1248 valleys of `footprints`, `pyshoe_vicon`,
-`neura_sparse`, `gaitmap_example` and two simulated walks: 203 lie in a swing by Vicon or by the swings beside, and all
-are on the right side. Beside the marks of `ipol_gait`, which were seen then, 2 of 1290 swings have a stance, and 6
-stances are missed."""
+`neura_sparse`, `gaitmap_example` and two simulated walks; on `ipol_gait` 2 of 1290 swings have a stance, and 6 stances
+are missed."""
 
 SETTLED, SETTLES_S = 0.3, 0.35
 """A foot that comes down flat and softly still moves without turning. Its stance begins later, by at most `SETTLES_S`
@@ -98,12 +97,8 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
     """The stances of a foot, at any speed of gait; empty if the foot never moves enough, or never comes to rest.
 
     A stance extends from its valley to where the rate exceeds `STILL` and `ABOVE` times the rate of the valley, less
-    `EROSION`, except at the ends of the recording.
-
-    Args:
-        gyr: (T, 3) angular rate, without the gyroscope's bias as far as it is known [rad/s], finite.
-        acc: (T, 3) specific force [m/s²], finite; it shows a foot that comes down without turning.
-        sampling_rate_hz: rate of the samples [Hz].
+    `EROSION`, except at the ends of the recording. Angular rate (T, 3) [rad/s], without the gyroscope's bias as far as
+    it is known, and specific force (T, 3) [m/s²] are finite.
     """
     rate, restless = moving_rate(gyr, sampling_rate_hz), unrest(gyr, acc, sampling_rate_hz)
     valleys = _valleys(rate, SWING, STANCE)
@@ -134,7 +129,7 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
 
 def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     """(n,) bool, stances (start, end, stillest) in which the foot moves, and that are more restless than moving ones
-    beside them, whose velocity follows from these. `force` is the integral of the specific force (T, 3) [m/s].
+    beside them, whose velocity follows from these; `force` (T, 3) is the integral of the specific force [m/s].
     """
     # a stance beside is at rest at its sample that is nearest to `stillest`, and less than 1.6 s away if possible
     unrest_if_moving, reach = np.zeros(len(rows) + 2), round(1.6 * sampling_rate_hz)
@@ -156,8 +151,8 @@ def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_
 
 
 def _apart(rows: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """Stances (start, end, stillest) without the worse of two that are too near each other, and without those at either
-    end of the recording in which the foot turns much faster than in the next: a swing that the recording cuts.
+    """Stances without the worse of two that are too near each other, and without those at either end of the recording
+    in which the foot turns much faster than in the next: a swing that the recording cuts.
     """
     depth = rate[rows[:, 2]]
     while len(rows) > 1:
@@ -182,9 +177,7 @@ def _between_swings(rate: np.ndarray, first: int, at: int, end: int) -> tuple[in
 
 
 def _slow(restless: np.ndarray, stretch: tuple[int, int], sampling_rate_hz: float) -> list[tuple[int, int, int]]:
-    """Start, end and stillest sample of the stances of a foot that moves slowly, see `SLOW_STILL`; none if it does
-    not.
-    """
+    """Start, end and stillest sample of the stances of a foot that moves slowly, see `SLOW_STILL`; else none."""
     first, end = stretch
     if end - first <= 1.5 * sampling_rate_hz:
         return []
@@ -240,9 +233,8 @@ def inside(stances: Stances, samples: int) -> np.ndarray:
 def margin(
     gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], stances: Stances, sampling_rate_hz: float
 ) -> np.ndarray:
-    """(T,) logarithm of the threshold of the nearest stance over `unrest`; large while a foot is still.
-
-    Where the statistic alone contradicts `inside`, the margin is near 0, with the sign of `inside`.
+    """(T,) logarithm of the threshold of the nearest stance over `unrest`; large while a foot is still. Where it
+    contradicts `inside`, it is near 0, with the sign of `inside`.
     """
     restless = unrest(gyr, acc, sampling_rate_hz)
     middles = 0.5 * (stances.stillest[1:] + stances.stillest[:-1])
@@ -258,10 +250,10 @@ def contacts(
     """Samples of the final and the initial contact of every stride, (n − 1,) each, between one of n stances and the
     next.
 
-    At the final contact the foot is pitched down most, after the heel has risen. At the initial contact the pitch has
-    fallen by `LANDED` from its peak in late swing, when the toes are highest, and the foot does not lie flat yet;
-    accelerations are not used, because a soft landing has no larger acceleration than a swing. Pitch is the integral of
-    the angular rate (T, 3) without bias [rad/s] about the foot's main axis of rotation, however the sensor is mounted.
+    At the final contact the foot is pitched down most. At the initial contact the pitch has fallen by `LANDED` from its
+    peak in late swing, and the foot does not lie flat yet; a soft landing has no larger acceleration than a swing, so
+    accelerations are not used. Pitch is the integral of the angular rate (T, 3) without bias [rad/s] about the foot's
+    main axis of rotation, however the sensor is mounted.
     """
     gyr = np.asarray(gyr, np.float64)
     count = max(len(stances.stillest) - 1, 0)

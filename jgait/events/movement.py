@@ -5,10 +5,9 @@ walking a sensor on a leg gets ahead by nearly the length of its path, and its f
 is accelerated up and forward with the steps, forward a quarter of a step before upward, and keeps its lean. All this is
 computed in windows and without knowing the axes of a sensor.
 
-Given a movement k of `KINDS`, the evidence φ of a sensor has the log odds a + Σ b φ over walking. Walking is the more
-likely the larger φ is, or the less, as `EVIDENCE` states: this is no weight's choice. `movements.json` has the weights,
-and from which movements they were learned. Sensors add their log odds; a chain in which movements seldom change turns
-them into probabilities.
+Given a movement k of `KINDS`, the evidence φ of a sensor has the log odds a + Σ b φ over walking, with weights learned
+for `movements.json`. `EVIDENCE` states whether more of φ makes walking more or less likely. Sensors add their log odds;
+a chain in which movements seldom change turns them into probabilities.
 """
 
 import json
@@ -49,8 +48,8 @@ QUIET_S = 0.4
 window."""
 
 UPHELD = 0.5 * GRAVITY
-"""[m/s²] Size of the mean force, in axes that do not turn, below which the gyroscope contradicts the accelerometer, so
-that a window is no evidence."""
+"""[m/s²] Size of the mean force, in axes that do not turn, below which gyroscope and accelerometer contradict each
+other, so that a window is no evidence."""
 
 CARRIED_S = 1.0
 """[s] Time within which the mean force changes more than the turn explains, of a person at rest who is carried, as by a
@@ -61,8 +60,7 @@ CHANGE, TEMPER = 0.08, 0.15
 share most of its samples."""
 
 WALKS = 0.1
-"""[1] Least probability with which a movement is taken for walking: estimates of walking have doubts of their own, and
-what is not measured cannot be mended."""
+"""[1] Least probability with which a movement is taken for walking."""
 
 EVIDENCE = {
     "leg": {"straight": -1, "turn": -1, "calm": 1, "unrest": -1, "path": 0, "skew": -1, "pull": 1},
@@ -110,9 +108,8 @@ def weights() -> dict[str, np.ndarray]:
 
 
 def movement(recording: Recording) -> Activity | None:
-    """How the person of a recording moves, while all sensors measure.
-
-    None without a sensor on a shank, at an ankle, on a foot or on the trunk, or if a sensor cannot be read.
+    """How the person of a recording moves, while all sensors measure; None without a sensor on a shank, at an ankle, on
+    a foot or on the trunk, or if a sensor cannot be read.
     """
     if not recording.sensors or not all(map(_readable, recording.sensors.values())):
         return None
@@ -183,13 +180,9 @@ def _readable(imu: Imu) -> bool:
 
 def segment_of(placement: str) -> str:
     """The kind of evidence of a sensor, a key of `EVIDENCE`; "" if it gives none."""
-    return (
-        "leg"
-        if placement.partition("_")[0] in LEVERS
-        else "trunk"
-        if placement in ("lower_back", "pelvis", "waist")
-        else ""
-    )
+    if placement in ("lower_back", "pelvis", "waist"):
+        return "trunk"
+    return "leg" if placement.partition("_")[0] in LEVERS else ""
 
 
 def of_sensor(placement: str, imu: Imu, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -237,10 +230,9 @@ type Evidence = tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]
 
 
 def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
-    """Evidence of a sensor on a leg, `lever` [m] above its pivot.
-
-    The sensor's path is integrated between instants at which the foot stands: there its velocity is ω × lever up, and
-    the mean specific force in between is gravity, up to the change of velocity.
+    """Evidence of a sensor on a leg, `lever` [m] above its pivot. Its path is integrated between instants at which the
+    foot stands: there its velocity is ω × lever up, and the mean specific force in between is gravity, up to the change
+    of velocity.
     """
     gyr, acc = as_float(imu.gyr), as_float(imu.acc)
     samples, calm = len(gyr), window_size(CALM_S, rate)

@@ -48,11 +48,10 @@ class Rest(NamedTuple):
 
 
 NEVER_STILL = Kind(
-    "never_still",
-    "check",
+    "never_still", "check",
     "nobody stands still for {seconds:g} s: the gyroscope is taken as it reads, and tilt is less certain",
     FEW_RESTS,
-)
+)  # fmt: skip
 
 
 def unrest(gyr: AnyArray, acc: AnyArray, size: int) -> np.ndarray:
@@ -66,9 +65,9 @@ def unrest(gyr: AnyArray, acc: AnyArray, size: int) -> np.ndarray:
 def rest(gyr: np.ndarray, acc: np.ndarray, mask: np.ndarray, sampling_rate_hz: float) -> Rest:
     """The rests of a sensor, its gyroscope bias and its specific force at rest.
 
-    `gyr` [rad/s] and `acc` [m/s²] are (T, 3), finite. Rest is detected from the spread of the rate over half a second,
-    because a bias shifts the rate itself. The error of a window's mean rate is the undetected turn of the sensor over
-    the window's length; so windows weigh as length².
+    `gyr` [rad/s] and `acc` [m/s²] are (T, 3), finite. Rest is detected from the spread of the rate, because a bias
+    shifts the rate itself. The error of a window's mean rate is the undetected turn of the sensor over the window's
+    length; so windows weigh as length².
     """
     size = 2 * int(0.5 * sampling_rate_hz / 2) + 1  # [s]
     if len(gyr) <= size:
@@ -98,21 +97,17 @@ def longest_still(
     threshold: float = 0.2,
     at_least_s: float = 0.0,
 ) -> tuple[int, int] | None:
-    """The longest stretch (start, end) [samples], half-open, in which a segment stands still.
+    """The longest stretch (start, end) [samples], half-open, in which a segment stands still; None if there is none.
 
-    The segment stands still where the gyroscope's root mean square over a centred window is low,
-    √(Σ m |ω|² / Σ m) < threshold, m the mask; the ends of the recording are reflected.
+    The gyroscope's root mean square over a centred window is low there, √(Σ m |ω|² / Σ m) < threshold, m the mask; the
+    ends of the recording are reflected.
 
     Args:
         gyr: (T, 3) angular rate [rad/s], finite.
         sampling_rate_hz: sampling rate [Hz].
         mask: (T,) bool, False where a sample is ignored; None: every sample counts.
-        threshold: on the root mean square rate [rad/s]: the swing of a leg reaches 3 to 7, the stance of a shank 0.5 to
-            1.5, and a standing leg with its gyroscope bias stays under 0.1.
+        threshold: on the root mean square rate [rad/s]: a leg swings at 3 to 7, the stance of a shank has 0.5 to 1.5.
         at_least_s: shortest stretch that counts [s].
-
-    Returns:
-        The stretch; None if no stretch is long enough, or the recording is shorter than a window.
     """
     size = window_size(0.5, sampling_rate_hz)  # [s] longer than the quiet part of a stance
     if len(gyr) < size:
@@ -126,11 +121,10 @@ def longest_still(
 
 
 def legs_at_rest(gyrs: Sequence[AnyArray], sampling_rate_hz: float, masks: Sequence[AnyArray] = ()) -> np.ndarray:
-    """(T,) bool, where no leg moves, from angular rates (T, 3) [rad/s] and masks (T,) of all sensors on the legs; a
-    person who sits rests too, nobody rests in a loss longer than a quarter of a second.
+    """(T,) bool, where no leg moves, from angular rates (T, 3) [rad/s] and masks (T,) of all sensors on the legs.
 
-    A sample is at rest when no gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of it, or twice as much if there is
-    no rest of `LEGS_SHORTEST_S`.
+    No gyroscope exceeds `LEGS_RATE` within `LEGS_WINDOW_S` of a sample at rest, or twice as much if there is no rest of
+    `LEGS_SHORTEST_S`; nobody rests in a loss longer than a quarter of a second.
     """
     half = max(1, round(LEGS_WINDOW_S * sampling_rate_hz))
     fastest = np.max([np.linalg.norm(as_float(gyr), axis=1) for gyr in gyrs], axis=0)
@@ -171,8 +165,7 @@ def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> Tru
     size = window_size(0.5, rate)  # [s]
     still = held_spread(gyr, size) < TRUNK_RATE
     shaken, noise = held_spread(acc, size), held_spread(np.diff(acc, axis=0, prepend=acc[:1]), size) / math.sqrt(2.0)
-    # within half a second, the variance of noise is up to half larger than its own
-    # trunks at rest have 0.05; only accelerometers with a range of 200 g have more
+    # trunks at rest have 0.05; only accelerometers with a range of 200 g have more, whose noise varies by half
     still &= shaken**2 - (1.5 * noise**2 if noise.min() > 0.125 else 0.0) < 0.25**2  # [m/s²]
     # a person who leans or turns slowly does not stand still
     still &= np.linalg.norm(held_mean(gyr, size) - rest(gyr, acc, mask, rate).gyr_bias, axis=1) < TRUNK_RATE

@@ -74,29 +74,18 @@ class ShankEvents(NamedTuple):
 
 
 class ShankState(NamedTuple):
-    """State of a detector, passed from one sample to the next.
+    """State of a detector, passed from one sample to the next."""
 
-    Attributes:
-        phase: FLAT, TOE_OFF, SWING or HEEL_STRIKE.
-        rising: 1 if the last change of the rate was a rise, −1 if it was a fall, 0 before any change.
-        rate: filtered rate of the previous sample [rad/s].
-        time: time of the previous sample [s].
-        push_off, start: as in `ShankEvents`, of the swing that may become a stride [s].
-        peak, angle: peak rate and angle of the swing so far [rad/s], [rad].
-        slack: time at which the rate fell below `rest_share` of the peak [s].
-        slackened: whether the rate is below that share.
-    """
-
-    phase: PyTree
-    rising: Flags
-    rate: Values
-    time: Values
-    push_off: Values
-    start: Values
-    peak: Values
-    angle: Values
-    slack: Values
-    slackened: Flags
+    phase: PyTree  #: FLAT, TOE_OFF, SWING or HEEL_STRIKE.
+    rising: Flags  #: 1 if the last change of the rate was a rise, −1 if it was a fall, 0 before any change.
+    rate: Values  #: filtered rate of the previous sample [rad/s].
+    time: Values  #: time of the previous sample [s].
+    push_off: Values  #: as in `ShankEvents`, of the swing that may become a stride [s].
+    start: Values  #: likewise [s].
+    peak: Values  #: peak rate of the swing so far [rad/s].
+    angle: Values  #: angle of the swing so far [rad].
+    slack: Values  #: time at which the rate fell below `rest_share` of the peak [s].
+    slackened: Flags  #: whether the rate is below that share.
 
 
 def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
@@ -190,7 +179,7 @@ def swing_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> 
 
 
 def check_rate(sampling_rate_hz: float) -> None:
-    """Check that the detectors support a sampling rate. Raises ValueError if it is outside `RATES`."""
+    """Raise ValueError if a sampling rate is outside `RATES`."""
     if not RATES[0] <= sampling_rate_hz <= RATES[1]:
         raise ValueError(f"the sampling rate must lie between {RATES[0]:g} and {RATES[1]:g} Hz; got {sampling_rate_hz}")
 
@@ -198,13 +187,8 @@ def check_rate(sampling_rate_hz: float) -> None:
 def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> ShankEvents:
     """The paper's state machine over a recording; the filter and the machine run in one scan.
 
-    Args:
-        rate: (T,) sagittal rate, the forward swing negative [rad/s]; a lost sample repeats the previous sample.
-        sampling_rate_hz: sampling rate [Hz]; static.
-        d: settings.
-
-    Returns:
-        The events at each sample (T,), times from the first sample on, without the filter's delay.
+    The sagittal rate (T,) has a negative forward swing [rad/s]; a lost sample repeats the previous one. The events at
+    each sample (T,) have times from the first sample on, without the filter's delay.
 
     Raises:
         ValueError: if the rate of the samples is not supported, or there is none.
@@ -225,10 +209,8 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> S
 
 
 def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES) -> ShankEvents:
-    """The detector of swings over a recording (T,), on the rate filtered both ways: offline. Arguments as `phases`.
-
-    Raises:
-        ValueError: if the rate of the samples is not supported, or there are fewer than 10.
+    """The detector of swings over a recording (T,), on the rate filtered both ways: offline. Arguments and errors as of
+    `phases`.
     """
     values, time = _rates(rate, sampling_rate_hz)
     values = jnp.asarray(butterworth.low_pass_both_ways(values, d.cutoff_hz, sampling_rate_hz))

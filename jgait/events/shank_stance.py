@@ -30,8 +30,7 @@ STILL = 0.25
 """[rad/s] Threshold on the norm of the rate: a shank that turns more slowly is still."""
 
 RESTS = 1.5
-"""[rad/s] Largest norm of the rate in a valley; shanks of recorded walks reach 1.4. In tight turns the sagittal rate
-can be least while the leg swings."""
+"""[rad/s] Largest norm of the rate in a valley; shanks of recorded walks reach 1.4."""
 
 SWINGS = 1.0
 """[rad/s] Forward rate above which a shank swings before the first or after the last whole swing; at the very end of
@@ -116,8 +115,7 @@ def _at_end(
     """The instant after a swing's end (1) or before its start (−1), whether it is in standing, and whether it rests.
 
     `limit` is the next swing after a pause, or None. Without one, the instant is a valley if an uncounted swing comes
-    before the person rests, or if the recording begins or ends within a swing; a stance that the recording cuts has no
-    instant.
+    before the person rests, or if the recording begins or ends within a swing.
     """
     edge = (len(norm) - 1 if way > 0 else 0) if limit is None else limit
     near = int(0.1 * rate_hz)
@@ -174,13 +172,8 @@ def step(
 ) -> tuple[StanceSearch, PyTree]:
     """One sample: the next state, and whether the sample `state.at` is now detected as a valley.
 
-    Args:
-        s: state from `begin` or from the previous step.
-        index: number of the sample, int32.
-        rate: low-passed sagittal rate, the forward swing negative [rad/s].
-        phase: phase of the gait at this sample.
-        hold: number of samples for which the rate of the valley must stay the least [samples].
-        landing: number of samples after a swing in which the foot comes down [samples].
+    The rate is low-passed, the forward swing negative [rad/s]; the rate of a valley stays the least for `hold` samples,
+    and the foot comes down in the `landing` samples after a swing.
     """
     now, x = jnp.asarray(index, jnp.int32), jnp.asarray(rate)
     since = jnp.where(phase.over, now, s.since)

@@ -1,6 +1,7 @@
 r"""Initial contacts of both feet, and the side of each contact, from one sensor on the trunk.
 
-Three detectors share coarse instants, arguments and result. They compute the contact near a coarse instant as:
+Three detectors share coarse instants (`events.trunk_rhythm`), arguments and result. They compute the contact near a
+coarse instant as:
 
 - `PaperRule`: the middle between the greatest forward acceleration, rebuilt from its wavelet details, and the first
   negative local minimum of the upward acceleration after it.
@@ -16,24 +17,19 @@ instant u after a coarse instant is
     s(u) = (w_v v̇(u) / |v̇| − w_a ȧ(u) / |ȧ| + w_b b(u) / |b|) / τ − (u − c)² / (2 σ²),
     contact = coarse + Σ u e^s / Σ e^s − δ − λ T,
 
-over |u| <= 0.2 s, with the step time T: the longer a step, the later the foot is loaded. For given coarse instants the
-contact is differentiable in the signals and in each setting.
-
-Either acceleration alone has larger errors; the errors with both on real walks are in `experiments/kose2011`.
-
-Coarse instants come from `events.trunk_rhythm`; they are decisions, without gradient.
+over |u| <= 0.2 s, with the step time T: the longer a step, the later the foot is loaded. Either acceleration alone has
+larger errors (`experiments/kose2011`). For given coarse instants, which carry no gradient, the contact is
+differentiable in the signals and in each setting.
 
 Sides are computed from three cues, whose parts that alternate from step to step are compared:
 
-- Sway: from a right contact to the next contact the right foot alone carries the trunk, stands right of the trunk, and
-  accelerates it to the left.
+- Sway: from a right contact to the next contact the right foot alone carries the trunk, and accelerates it to the left.
 - Drop: when the right foot takes the weight, the left side of the pelvis falls, in the first third of the step.
-- Turn: the hip of the swing leg moves forward with the leg; it turns the other way in some people, in some hardly.
+- Turn: the hip of the swing leg moves forward with the leg; in some people it turns the other way, or hardly.
 
-In all 36 recordings of `ipol_gait` and all 5 of `mobgap_lab` sway and drop have the stated sign; the turn has the other
-sign in persons 8 and 18 and hardly any in 3 and 14. Because sides alternate, each side is computed from all contacts in
-a chain of two states, one chain for a cue; near contacts weigh most. A cue may be exchanged for a person, so one cue
-alone never makes a side certain, and cues that disagree leave it unknown.
+Because sides alternate, each side is computed from all contacts in a chain of two states, one chain for a cue; near
+contacts weigh most. A cue may be exchanged for a person, so one cue alone never makes a side certain, and cues that
+disagree leave it unknown.
 
 Everything has a fixed number of rows, and is usable under `jit` and `vmap` (settings of `PaperRule` are static). On
 NumPy's arrays it computes on the host.
@@ -73,23 +69,15 @@ PAPER_RATE = 100.0
 
 
 class PaperRule(NamedTuple):
-    """Settings of the paper's detector; static.
+    """Settings of the paper's detector; static."""
 
-    Attributes:
-        shares: thresholds of details 1, 2 and 3, as shares of their magnitude [1].
-        relative_to, hard: see `wavelet.from_details`.
-        before, after: search interval about the peak of the low-passed forward acceleration [s].
-        minimum: longest time from the maximum to the minimum; without a minimum, the contact is the maximum [s].
-        offset: time subtracted from the instant [s].
-    """
-
-    shares: tuple[float, ...] = (1 / 5, 1 / 4, 1 / 3)
-    relative_to: str = "rms"
+    shares: tuple[float, ...] = (1 / 5, 1 / 4, 1 / 3)  #: thresholds of details 1, 2 and 3, as shares of their size [1].
+    relative_to: str = "rms"  #: see `wavelet.from_details`, as `hard`.
     hard: bool = False
-    before: float = 0.20
-    after: float = 0.15
-    minimum: float = 0.20
-    offset: float = 0.0
+    before: float = 0.20  #: search interval about the peak of the low-passed forward acceleration [s].
+    after: float = 0.15  #: likewise [s].
+    minimum: float = 0.20  #: longest time from the maximum to the minimum; without one the contact is the maximum [s].
+    offset: float = 0.0  #: time subtracted from the instant [s].
 
 
 class Peaks(NamedTuple):
@@ -160,10 +148,8 @@ def _peaks(rhythm: Rhythm, rate: float) -> AnyArray:
 
 
 def details(accelerations: ArrayLike, mask: ArrayLike, sampling_rate_hz: float, p: PaperRule) -> Array:
-    """Accelerations (N, n) at `PAPER_RATE` [m/s²], rebuilt from the thresholded wavelet details of the paper.
-
-    `accelerations` (T, n) are finite, `mask` (T,) False where a sample was lost; the thresholds of the rule are shares
-    of the details' magnitudes.
+    """Accelerations (N, n) at `PAPER_RATE` [m/s²], rebuilt from the thresholded wavelet details of the paper;
+    `accelerations` (T, n) are finite, `mask` (T,) is False where a sample was lost.
     """
     rate, both = sampling_rate_hz, jnp.asarray(accelerations)
     if rate > PAPER_RATE:
@@ -193,9 +179,7 @@ def cues(
     forward: AnyArray, upward: AnyArray, sampling_rate_hz: float, cutoff_hz: Scalar, mask: AnyArray | None = None
 ) -> AnyArray:
     """Rates of change of −forward and of upward acceleration, low-passed, and the blow: (T, 3), each divided by its
-    local root mean square.
-
-    The accelerations are (T,), upward without gravity [m/s²], finite; where `mask` is False a sample does not count.
+    local root mean square. The accelerations are (T,) [m/s²]; where `mask` is False a sample does not count.
     """
     rate, both = sampling_rate_hz, xp.stack([-forward, upward], axis=1)
     slow, blunt = butterworth.low_passed(both, (cutoff_hz, 10.0), rate)  # [Hz] above it is the impact of the foot
@@ -215,10 +199,9 @@ def instants(
     forward: AnyArray, upward: AnyArray, sampling_rate_hz: float, coarse: AnyArray, step_frequency: AnyArray,
     settings: Soft = SOFT, mask: AnyArray | None = None,
 ) -> AnyArray:  # fmt: skip
-    """The contact near each coarse instant: (n,) times from the first sample on [s].
-
-    The accelerations are (T,), without gravity [m/s²], finite; where `mask` is False a sample does not count. Coarse
-    instants [s] and step frequencies [Hz] are (n,).
+    """The contact near each coarse instant: (n,) times from the first sample on [s], from accelerations (T,) without
+    gravity [m/s²], coarse instants (n,) [s] and step frequencies (n,) [Hz]; where `mask` is False a sample does not
+    count.
     """
     score = cues(forward, upward, sampling_rate_hz, settings.cutoff_hz, mask)
     return located(score, sampling_rate_hz, coarse, step_frequency, settings)
@@ -243,16 +226,11 @@ def located(
 
 
 class Cue(NamedTuple):
-    """One sign of the side of a contact.
+    """One sign of the side of a contact."""
 
-    Attributes:
-        begin, end: limits of the part of the step from which the cue is computed, after the contact [steps].
-        exchanged: share of people in whom left and right are exchanged [1].
-    """
-
-    begin: float
-    end: float
-    exchanged: float
+    begin: float  #: begin of the part of the step from which the cue is computed, after the contact [steps].
+    end: float  #: its end [steps].
+    exchanged: float  #: share of people in whom left and right are exchanged [1].
 
 
 SWAY, DROP, TURN = Cue(0.0, 1.0, 1 / 16), Cue(0.0, 0.3, 1 / 16), Cue(0.4, 1.4, 1 / 4)
@@ -267,16 +245,8 @@ def sides(
 
     Each cue is an integral over its part of the step after the contact, less the mean of the steps before and after.
     Its log odds pass from contact to contact, change sign at every step between them, and are reduced where the time
-    between contacts is no whole number of steps. Cues that are known are independent, and each may be exchanged.
-
-    Args:
-        time: (n,) of contacts in order, from the first sample on [s].
-        frequency: (n,) of steps [Hz].
-        valid: (n,) bool, False for rows without a contact.
-        sampling_rate_hz: see `initial_contacts`, as all that follow.
-        yaw_rate: (T,) [rad/s].
-        leftward: (T,) [m/s²], or None.
-        roll_rate: (T,) [rad/s], or None.
+    between contacts is no whole number of steps. Cues that are known are independent, and each may be exchanged. Times
+    [s], step frequencies [Hz] and validity of contacts are (n,); other arguments are those of `initial_contacts`.
     """
     at, f, there = time, frequency, valid
     known = [(yaw_rate, TURN)]
@@ -341,18 +311,16 @@ def initial_contacts(
         yaw_rate: (T,) about the vertical, a turn to the left positive [rad/s], finite.
         sampling_rate_hz: sampling rate [Hz], 25 to 400; static.
         settings: settings of a detector, which also choose the detector.
-        mask: (T,) bool, False where a sample was lost or is padding: its accelerations are set to 0; None: all count.
-        leftward: (T,) acceleration to the walker's left, without gravity [m/s²], finite; None: not known. It and
-            `roll_rate` tell sides; from the yaw rate alone sides are wrong for some people. It also distinguishes quick
-            steps from slow strides.
+        mask: (T,) bool, False where a sample was lost or is padding; None: all count.
+        leftward: (T,) acceleration to the left, without gravity [m/s²], finite; None: not known. It and `roll_rate`
+            tell sides, which by the yaw rate alone are wrong for some people, and quick steps from slow strides.
         roll_rate: (T,) about the walking direction, the left side rising [rad/s], finite; None: not known.
 
     Returns:
-        The contacts, with times from the first sample on, `ROWS` rows for every second; without walking no row is
-        valid.
+        The contacts, times from the first sample on, `ROWS` rows for every second; without walking no row is valid.
 
     Raises:
-        ValueError: if the signals are not of one length of at least 10 samples, or the sampling rate is not supported.
+        ValueError: signals not of one length of at least 10 samples, or a sampling rate that is not supported.
     """
     check_rate(sampling_rate_hz)
     given = {"forward": forward, "upward": upward, "yaw_rate": yaw_rate, "leftward": leftward, "roll_rate": roll_rate}

@@ -50,12 +50,11 @@ class Rhythm(NamedTuple):
 def step_frequency(bank: AnyArray, sampling_rate_hz: float) -> AnyArray:
     """The step frequency (T,) [Hz] at every sample; where nobody walks, that of the walking near by.
 
-    The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over 6 s, summed over the
-    forward and the upward acceleration in the band between the outermost of `CUTOFFS`, w a Gaussian about 1.8 Hz over
-    the logarithm of the frequency. It is a stride, and l / 2 a step, if the sway, the acceleration to the left, repeats
-    after l and reverses after l / 2. The frequency is then smoothed over time with the weights r(l).
-
-    `bank` is low-passed at `CUTOFFS`: (number of cut-offs, T, 3), forward, upward and to the left [m/s²].
+    The lag l of the greatest r(l) w(l) is one step: r(l) is the mean of x_k x_{k+l} over 6 s, summed over the forward
+    and the upward acceleration in the band between the outermost of `CUTOFFS`, w a Gaussian about 1.8 Hz over the
+    logarithm of the frequency. It is a stride if the sway, the acceleration to the left, repeats after l and reverses
+    after l / 2. The frequency is smoothed over time with the weights r(l). `bank` is low-passed at `CUTOFFS`: (number
+    of cut-offs, T, 3), forward, upward and to the left [m/s²].
     """
     rate = sampling_rate_hz
     band = bank[-1] - bank[0]
@@ -87,9 +86,8 @@ def step_frequency(bank: AnyArray, sampling_rate_hz: float) -> AnyArray:
 
 
 def between(bank: AnyArray, cutoff_hz: AnyArray) -> AnyArray:
-    """The signal (T, ...) low-passed with a cut-off (T,) [Hz] that changes slowly, from the `bank` of filters.
-
-    It is interpolated between the two nearest filters, over the logarithm of the cut-off, within `CUTOFFS`.
+    """The signal (T, ...) low-passed with a cut-off (T,) [Hz] that changes slowly, from the `bank` of filters:
+    interpolated between the two nearest ones, over the logarithm of the cut-off.
     """
     number = np.arange(len(CUTOFFS), dtype=bank.dtype)
     place = xp.interp(xp.log(cutoff_hz), np.log(CUTOFFS).astype(bank.dtype), number).astype(bank.dtype)
@@ -115,10 +113,8 @@ def _maxima(values: Array, enough: Array) -> tuple[Array, Array]:
 
 
 def maxima(x: AnyArray, enough: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Maxima of x (T,) whose rise from the minimum before and fall to the minimum after exceed thresholds (T, ...).
-
-    Returns:
-        (T, ...) bool, a maximum is confirmed at this sample, and (T, ...) the sample of that maximum [samples].
+    """Maxima of x (T,) whose rise from the minimum before and fall to the minimum after exceed thresholds (T, ...): (T,
+    ...) bool, a maximum is confirmed at this sample, and (T, ...) the sample of that maximum.
     """
     peaks: tuple[AnyArray, AnyArray] = as_given(_maxima(x, enough), x, enough)
     return peaks
@@ -157,10 +153,8 @@ def _kept(time: AnyArray, frequency: AnyArray, tall: AnyArray, there: AnyArray) 
 def contacts_nearby(
     forward: AnyArray, upward: AnyArray, leftward: AnyArray, sampling_rate_hz: float, capacity: int
 ) -> Rhythm:
-    """Coarse instants of initial contacts, in (capacity,) rows; without walking no row is valid.
-
-    The accelerations are (T,), upward without gravity [m/s²], finite, leftward 0 if unknown; further maxima are left
-    out.
+    """Coarse instants of initial contacts, in (capacity,) rows; without walking no row is valid. The accelerations are
+    (T,), upward without gravity [m/s²], finite, leftward 0 if unknown; further maxima are left out.
     """
     rate = sampling_rate_hz
     bank = butterworth.low_passed(xp.stack([forward, upward, leftward], axis=1), tuple(CUTOFFS), rate)

@@ -15,15 +15,11 @@ from jgait.types import Imu, as_float
 HARMONICS = 4
 """[1] Number of harmonics of the stride frequency: they hold 97 % of the power of a thigh and a shank."""
 
-WALKING_SHARE, WALKING_RATE = 0.15, 0.4
-"""[1] Mean power of the legs' rates over its 90th percentile, and [rad/s] its root, above which a person walks; chosen,
-below those of simulated walks of 0.25 m/s."""
+WALKING_RATE = 0.4
+"""[rad/s] Root mean square of the legs' rates above which a person walks; chosen, below simulated walks of 0.25 m/s."""
 
 USUAL_STRIDE_TIME = 1.1
 """[s] Stride time that is assumed if the search finds none."""
-
-STRIDES = 2.0
-"""[strides] Duration of a window."""
 
 SEGMENTS = ("thigh", "shank", "foot")
 """Segments of a leg."""
@@ -49,7 +45,7 @@ class Cycle(NamedTuple):
 
     stride_time: float  #: [s].
     turning: dict[str, Turning]  #: placement → how its sensor turns.
-    windows: list[slice]  #: samples of `STRIDES` strides each.
+    windows: list[slice]  #: samples of two strides each.
     walks: np.ndarray  #: (T,) bool, samples of walking.
 
 
@@ -64,10 +60,9 @@ def smooth(values: np.ndarray, seconds: float, sampling_rate_hz: float) -> np.nd
 def stride_time(
     rates: Sequence[np.ndarray], sampling_rate_hz: float, masks: Sequence[np.ndarray] | None = None
 ) -> float:
-    """Stride time [s] from sagittal rates of legs, (T,) each [rad/s]: the first lag at which the rates repeat.
-
-    That is the first maximum of the sum of their autocorrelations from 0.6 to 4 s of at least 0.7 of the highest;
-    `USUAL_STRIDE_TIME` if there is none. `masks` tell the samples (T,) of each that were measured: all by default.
+    """Stride time [s] from sagittal rates of legs, (T,) each [rad/s]: the first maximum of the sum of their
+    autocorrelations from 0.6 to 4 s of at least 0.7 of the highest; `USUAL_STRIDE_TIME` if there is none. `masks` tell
+    the samples (T,) of each that were measured: all by default.
     """
     first, last = round(0.6 * sampling_rate_hz), round(4.0 * sampling_rate_hz)
     size = len(rates[0])
@@ -90,10 +85,8 @@ def stride_time(
 
 
 def sagittal_axis(gyr: np.ndarray, up: np.ndarray | None, walks: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """The axis (3,) about which a segment turns in straight walking, in sensor axes, up to its sign.
-
-    It is the first principal axis of the angular rate (T, 3) [rad/s] over the samples of walking (T,) that are not part
-    of a turn, without its part along `up`.
+    """The axis (3,) about which a segment turns in straight walking, in sensor axes, up to its sign: the first
+    principal axis of the angular rate (T, 3) [rad/s] in walking (T,) that is no turn, without its part along `up`.
     """
     if up is not None:
         straight = walks & (np.abs(smooth(gyr @ up, 1.0, sampling_rate_hz)) <= 0.6)  # [rad/s] turns hide the axis
@@ -112,7 +105,7 @@ def walking(sensors: Mapping[str, Imu], sampling_rate_hz: float) -> np.ndarray:
         for part in zip(*(_power(imu) for imu in sensors.values()), strict=True)
     )
     level = power / np.maximum(weight, 1e-9)
-    return np.asarray(level > max(WALKING_SHARE * np.percentile(level, 90.0), WALKING_RATE**2)) & (weight > 1e-9)
+    return np.asarray(level > max(0.15 * np.percentile(level, 90.0), WALKING_RATE**2)) & (weight > 1e-9)
 
 
 def _power(imu: Imu) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +143,7 @@ def cycle_of(sensors: Mapping[str, Imu]) -> Cycle | None:
     last = stride_time(
         [np.where(walks, rates[n][:, 0], 0.0) for n in legs], hz, [np.asarray(sensors[n].mask, bool) for n in legs]
     )
-    long, step = round(STRIDES * last * hz), max(1, round(last * hz))
+    long, step = round(2.0 * last * hz), max(1, round(last * hz))
     windows = [
         slice(at, at + long) for at in range(0, time.size - long + 1, step) if walks[at : at + long].mean() > 0.9
     ]
@@ -191,9 +184,7 @@ def _design(samples: int, last: float, hz: float) -> np.ndarray:
 
 
 def _fit(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(1 + 2 HARMONICS, …) constant and harmonics of values at rows of the design; zero where no sample shows them, as
-    while a gyroscope sleeps.
-    """
+    """(1 + 2 HARMONICS, …) constant and harmonics of values at rows of the design; zero where no sample shows them."""
     return np.asarray(np.linalg.solve(rows.T @ rows + 0.01 * len(rows) * np.eye(rows.shape[1]), rows.T @ values))
 
 
@@ -230,9 +221,8 @@ def _harmonics(rate: np.ndarray, mask: np.ndarray, windows: list[slice], last: f
 
 def mean_force(imu: Imu, rows: np.ndarray, cycle: Cycle) -> complex | None:
     """Gravity over whole strides in the axes of a segment at its mean inclination [m/s²]: the part along the up axis of
-    `rows` (3, 3), and as imaginary part that along the forward axis. None if no stride is measured as a whole.
-
-    Its angle is the segment's mean inclination [rad], positive with the distal end forward.
+    `rows` (3, 3), and as imaginary part that along the forward axis. None if no stride is measured as a whole. Its
+    angle is the segment's mean inclination [rad], positive with the distal end forward.
     """
     if imu.acc is None:
         return None

@@ -25,19 +25,17 @@ QUIET_RATE = 0.02
 """[rad/s] Root mean square of the turns of a segment in quiet standing, as `InclinationNoise.standing_rate`."""
 
 SITS = Kind(
-    "sits",
-    "info",
+    "sits", "info",
     "at rest from {begin_s:.3g} s to {end_s:.3g} s a leg is tilted by {degrees:.0f}° from its mean direction in "
     "walking, as of a person who sits; not taken for standing",
     "The zero of the angles is that of upright standing and of walking.",
-)
+)  # fmt: skip
 STANDING_MOVES = Kind(
-    "standing_moves",
-    "check",
+    "standing_moves", "check",
     "{side}: hip and knee angles are less certain: in the standing from which they count, the leg moves at up to "
     "{rate:.2f} rad/s",
     FEW_RESTS,
-)
+)  # fmt: skip
 
 
 class SegmentMounting(NamedTuple):
@@ -91,13 +89,8 @@ def _direction(imu: Imu, samples: slice) -> np.ndarray | None:
 
 
 def worn_legs(sensors: Mapping[str, Imu], still: np.ndarray, sampling_rate_hz: float, *, estimator: str) -> WornLegs:
-    """How sensors on thighs and shanks, all at the same times, are worn; sensors on feet witness it.
-
-    Args:
-        sensors: `thigh_SIDE`, `shank_SIDE`, and `foot_SIDE`.
-        still: (T,) bool, where no leg moves.
-        sampling_rate_hz: sampling rate [Hz].
-        estimator: its name, for the error.
+    """How sensors on thighs and shanks, all at the same times, are worn; sensors on feet witness it. `still` (T,) is
+    True where no leg moves; `estimator` is a name for the error.
 
     Raises:
         RecordingError: if nobody walks.
@@ -168,9 +161,8 @@ def _segment(
     label: str, imu: Imu, right: np.ndarray, up: np.ndarray | None, cycle: Cycle, standing: tuple[int, int] | None,
     rest: tuple[int, int] | None, rate: float,
 ) -> tuple[SegmentMounting, float | None]:  # fmt: skip
-    """The mounting of one sensor, which is called `label`, and the segment's mean inclination in walking [rad].
-
-    `right` and `up` are its axes by walking; `standing` calibrates them, and `rest` the gyroscope.
+    """The mounting of one sensor, which is called `label`, and the segment's mean inclination in walking [rad]. `right`
+    and `up` are its axes by walking; `standing` calibrates them, and `rest` the gyroscope.
     """
     if standing is not None and (force := _direction(imu, slice(*standing))) is not None:
         up = force / max(float(np.linalg.norm(force)), 1e-9)

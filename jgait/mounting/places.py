@@ -26,8 +26,8 @@ EXCHANGED = 0.01
 """[1] Prior probability that a pair of sensors, or all of both legs, have changed places; chosen."""
 
 TEMPER = 0.5
-"""[1] Weight of the likelihood, for the harmonics of one person are unusual together, as of a paretic leg. Chosen: with
-it simulated limping and hemiparetic people keep their sensors."""
+"""[1] Weight of the likelihood, for the harmonics of one person are unusual together. Chosen: with it simulated limping
+and hemiparetic people keep their sensors."""
 
 UNKNOWN = 0.02
 """[1] Prior probability that a sensor moves as none does in walking; its harmonics then have unit variance."""

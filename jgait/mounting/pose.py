@@ -1,9 +1,9 @@
 """The zero of hip and knee angles: what a leg's pose is at rest and in the mean of walking, with its uncertainty.
 
-A rest may be standing, sitting, lying or leaning. How far each segment is inclined then, over its mean inclination in
-walking, gives the probability that the person stands. The pose in that standing is known from two sides: people stand
-with nearly straight legs (`standing_hip`, `standing_knee` of an estimator), and walk with thighs and knees that are on
-average bent alike. Who never stands has the second alone.
+A rest may be standing, sitting, lying or leaning; how far each segment is inclined then, over its mean inclination in
+walking, gives the probability that the person stands. People stand with nearly straight legs (`standing_hip`,
+`standing_knee` of an estimator), and walk with thighs and knees that are on average bent alike; who never stands has
+the second alone.
 """
 
 import math
@@ -52,9 +52,8 @@ STANDING_POSE = Pose(np.zeros(2), np.zeros(()), np.ones(()))
 
 def standing_probability(inclinations: Sequence[tuple[str, float, float]]) -> float:
     """The probability that a person at rest stands, from segment ("thigh", "shank"), its inclination, and its
-    inclination sideways [rad] for each sensor, over the usual pose of walking; 1 if there is none.
-
-    Shanks alone tell lying from standing: they are upright in a chair, too.
+    inclination sideways [rad] for each sensor, over the usual pose of walking; 1 if there is none. Shanks alone tell
+    lying from standing: they are upright in a chair, too.
     """
     if not inclinations:
         return 1.0

@@ -23,11 +23,8 @@ def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
     """The rate of a thigh, shank or ankle about its sagittal axis, without the gyroscope's bias.
 
     The axis is the axis of most rotation in the walk, perpendicular to gravity. Its sign follows from how the segment
-    turns over a stride; that of a thigh from the shank of the same side, so both sensors are needed.
-
-    Args:
-        recording: a walk; SI units, sensors in any orientation.
-        placement: `thigh_SIDE`, `shank_SIDE` or `ankle_SIDE`.
+    turns over a stride; that of a thigh from the shank of the same side, so both sensors are needed. `placement` is
+    `thigh_SIDE`, `shank_SIDE` or `ankle_SIDE`.
 
     Raises:
         RecordingError: if there is no such sensor, the segment does not walk, or the sign is not certain.

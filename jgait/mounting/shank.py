@@ -1,9 +1,8 @@
 r"""Orientation of a sensor on the shank or at the ankle, computed from walking; on the host, not under jit.
 
-A shank in walking turns about one axis, and turns fastest in the forward swing. So the sagittal axis and its sign are
-computed from the walk: the wearer need not report a sensor that is upside down, on the other leg or turned about the
-leg. Gravity gives the vertical. The axes are forward, left and up, as of a standing segment; the forward swing is a
-*negative* rate about the axis to the left.
+A shank in walking turns about one axis, and turns fastest in the forward swing; gravity gives the vertical. So the
+wearer need not report a sensor that is upside down, on the other leg or turned about the leg. The axes are forward,
+left and up, as of a standing segment; the forward swing is a *negative* rate about the axis to the left.
 """
 
 from typing import NamedTuple
@@ -16,9 +15,6 @@ from jgait.mounting.places import places_in
 from jgait.notes import Note
 from jgait.signal.windows import over_losses
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
-
-MOVING = 1.0
-"""[rad/s] Threshold on the norm of the rate: a shank that turns more slowly is not in swing."""
 
 RESTING = 0.1
 """[rad/s] Largest root mean square rate of a leg at rest, gyroscope bias included."""
@@ -35,16 +31,11 @@ class Axes(NamedTuple):
 
 
 def functional_axes(imu: Imu) -> Axes | None:
-    """Forward, left and up in a sensor's axes, from angular rate and specific force in walking.
+    """Forward, left and up in a sensor's axes, from angular rate and specific force in walking; None if the leg does
+    not walk.
 
     Left is the axis perpendicular to the median specific force about which the moving sensor turned most; with its
     sign, the rate of the forward swing, the faster rotation, is negative.
-
-    Args:
-        imu: sensor on a shank or at an ankle; gyroscope [rad/s] and accelerometer [m/s²].
-
-    Returns:
-        The axes; None if the leg does not walk.
 
     Raises:
         RecordingError: if there is no accelerometer.
@@ -54,7 +45,7 @@ def functional_axes(imu: Imu) -> Axes | None:
     kept = np.asarray(imu.mask, bool)
     gyr, acc = as_float(imu.gyr)[kept], as_float(imu.acc)[kept]
     speed = np.linalg.norm(gyr, axis=1)
-    moving = speed > MOVING
+    moving = speed > 1.0  # [rad/s] in swing
     if len(gyr) == 0 or np.percentile(speed, 99.0) < 0.5:  # [rad/s] in standing, noise decides which turns faster
         return None
     up = np.median(acc, axis=0)
@@ -64,16 +55,15 @@ def functional_axes(imu: Imu) -> Axes | None:
     left = left - (left @ up) * up
     left = left / np.linalg.norm(left)
     rate = gyr @ left
-    skew = asymmetry(rate)
+    power = float(np.mean(rate**2)) if rate.size else 0.0
+    skew = float(np.mean(rate**3)) / power**1.5 if power > 0.0 else 0.0
     left = -np.sign(skew) * left if skew != 0.0 else left
     return Axes(np.stack([np.cross(left, up), left, up]), -abs(skew))
 
 
 def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
-    """The gyroscope bias while the leg stands, calibrated as in the paper: (3,) [rad/s].
-
-    The median over the longest rest of at least half a second; None without such a rest. A bias of 0.02 rad/s changes
-    the stride length by 2 %, and no other measurement corrects it.
+    """The gyroscope bias while the leg stands, calibrated as in the paper: (3,) [rad/s], the median over the longest
+    rest of at least half a second; None without. A bias of 0.02 rad/s changes the stride length by 2 %.
     """
     run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=0.5)
     if run is None:
@@ -83,10 +73,8 @@ def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
 
 
 def filled(imu: Imu) -> Imu:
-    """The sensor with lost samples interpolated between their neighbours; the mask stays as it is.
-
-    Raises:
-        RecordingError: if every sample was lost.
+    """The sensor with lost samples interpolated between their neighbours; the mask stays as it is. Raises
+    RecordingError if every sample was lost.
     """
     kept = np.asarray(imu.mask, bool)
     if not kept.any():
@@ -98,18 +86,9 @@ def filled(imu: Imu) -> Imu:
     return imu._replace(gyr=over_losses(time, imu.gyr, kept), acc=acc)
 
 
-def asymmetry(rate: Float[AnyArray, "time"]) -> float:
-    """Skewness about zero of a sagittal rate, mean ω³ / (mean ω²)^{3/2}: negative if the forward swing is negative."""
-    values = as_float(rate)
-    power = float(np.mean(values**2)) if values.size else 0.0
-    return float(np.mean(values**3)) / power**1.5 if power > 0.0 else 0.0
-
-
 def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray, "instant"]) -> Axes:
-    """The axes with up along the mean specific force [m/s²] at given samples (n,), for example the stance valleys.
-
-    In the valley of a stance the ankle hardly accelerates, and the shank leans by a constant few degrees at most. With
-    n = 0 the axes stay unchanged.
+    """The axes with up along the mean specific force [m/s²] at given samples (n,), as the stance valleys, in which the
+    ankle hardly accelerates and the shank leans by a constant few degrees at most; unchanged with n = 0.
     """
     if len(instants) == 0:
         return axes
@@ -120,12 +99,8 @@ def stance_up(axes: Axes, acc: Float[AnyArray, "time 3"], instants: Int[AnyArray
 
 
 def worn_on_shank(recording: Recording, side: str) -> tuple[str, Note | None]:
-    """The placement that is stated for the sensor on a shank, and a note if this is not `shank_<side>`.
-
-    Sensors on thighs, shanks and feet show by how they move together which of them is on the shank.
-
-    Raises:
-        RecordingError: if there is no sensor on that shank.
+    """The placement that is stated for the sensor on a shank, and a note if this is not `shank_<side>`: how sensors on
+    thighs, shanks and feet move together shows it. Raises RecordingError if there is no sensor on that shank.
     """
     if side not in SIDES:
         raise ValueError(f"side must be 'right' or 'left'; got {side!r}")

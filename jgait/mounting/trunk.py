@@ -1,19 +1,17 @@
 r"""Orientation of a sensor on the trunk, computed from walking; on the host, not under jit.
 
-Gravity gives the vertical. The trunk in walking is accelerated up and forward once per step, the forward acceleration
-a quarter of a step before the upward one; sideways it swings once per stride. With U and H the complex amplitudes of
-the upward and the two horizontal accelerations at the step frequency, the forward axis is the unit vector n for which
+Gravity gives the vertical. The trunk in walking is accelerated up and forward once per step, the forward acceleration a
+quarter of a step before the upward one; sideways it swings once per stride. With U and H the complex amplitudes of the
+upward and the two horizontal accelerations at the step frequency, the forward axis is the unit vector n for which
 
     c = Σ H U* / Σ |U|²,        |c · n| is greatest,        Im (c · n) > 0.
 
-In running the forward acceleration follows the upward one instead: the leg is a spring, not a pole. Walking decides; if
-the person only runs, Im (c · n) < 0.
-
-In a bout of few steps, setting off and stopping hide this phase; between two rests, forward is where the person went.
+In running the forward acceleration follows the upward one instead. Walking decides; if the person only runs, Im (c · n)
+< 0. In a bout of few steps, setting off and stopping hide this phase; between two rests, forward is where the person
+went.
 
 On the walks of `ipol_gait` and the straight walks of `mobgap_lab` the computed axis is within 15° of the mounted
-sensor's forward axis, and the phase of c · n between 75° and 125° (tested). The wearer need not report a sensor at the
-side of the waist, upside down or turned about the vertical; one at the side is moved to the middle by `centred`.
+sensor's forward axis, and the phase of c · n between 75° and 125° (tested).
 """
 
 import itertools
@@ -54,10 +52,8 @@ class TrunkAxes(NamedTuple):
 
 
 def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None = None) -> TrunkAxes | None:
-    """Forward, left and up in a sensor's axes, from its accelerations in walking; None if nobody walks.
-
-    Lost samples are filled, see `mounting.shank.filled`. `worn` (T,) bool is False where the sensor is not on the
-    trunk; None: it always is.
+    """Forward, left and up in a sensor's axes, from its accelerations in walking; None if nobody walks. Lost samples
+    are filled, see `mounting.shank.filled`; `worn` (T,) bool is False where the sensor is not on the trunk.
 
     Raises:
         RecordingError: if there is no accelerometer.
@@ -72,12 +68,8 @@ def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None =
     runs = walking & _running(acc, sampling_rate_hz)
     only_runs = np.sum(walking & ~runs) < min(5.0 * sampling_rate_hz, runs.sum())  # [s] of walking
     walking = runs if only_runs else walking & ~runs
-    up = acc[walking].mean(axis=0)
-    up = up / np.linalg.norm(up)
-    amplitude = _spectrum(np.where(walking[:, None], acc - acc[walking].mean(axis=0), 0.0))
+    up, amplitude, frequency, steps = _spectrum(acc, walking, sampling_rate_hz)
     size = 2 * (len(amplitude) - 1)
-    frequency = np.arange(len(amplitude)) * sampling_rate_hz / size
-    steps = _step_frequency(amplitude, up, frequency)
     band = (frequency > 0.75 * steps) & (frequency < 1.3 * steps)
     upward = amplitude[band] @ up
     if np.sqrt(2.0 * np.sum(np.abs(upward) ** 2) / size / walking.sum()) < LEAST_WALKING_ACC:
@@ -92,7 +84,7 @@ def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None =
     if along.imag < 0.0:
         axis, along = -axis, -along
     forward = axis[0] * side + axis[1] * two
-    return TrunkAxes(np.stack([forward, np.cross(up, forward), up]), float(steps), float(np.angle(along)))
+    return TrunkAxes(np.stack([forward, np.cross(up, forward), up]), steps, float(np.angle(along)))
 
 
 def moved_between(acc: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
@@ -109,13 +101,9 @@ def moved_between(acc: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -
 
 
 def where_one_went(axes: TrunkAxes, level: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -> TrunkAxes:
-    """The axes, with the forward axis along the person's displacement between two rests, by integrated accelerations.
-
-    Args:
-        axes: their forward axis is replaced, unless no displacement exceeds 1 m.
-        level: (T, 2) forward and leftward acceleration in these axes, without gravity [m/s²].
-        still: (T,) bool, the person stands.
-        sampling_rate_hz: sampling rate [Hz].
+    """The axes, with the forward axis along the person's displacement between two rests, by integrated accelerations,
+    unless no displacement exceeds 1 m. `level` (T, 2) is forward and leftward in these axes, without gravity [m/s²];
+    `still` (T,) is True where the person stands.
     """
     stops = np.flatnonzero(~still[:-1] & still[1:])
     way = moved_between(level, still, sampling_rate_hz)[stops].sum(axis=0)
@@ -151,20 +139,13 @@ def centred(imu: Imu, rows: np.ndarray, sampling_rate_hz: float) -> Imu:
 def step_frequency(acc: np.ndarray, sampling_rate_hz: float) -> float:
     """[Hz] Step frequency of the specific force (T, 3) where the trunk walks; 0 if it never does."""
     walking = _walking(acc, sampling_rate_hz)
-    if not walking.any():
-        return 0.0
-    mean = acc[walking].mean(axis=0)
-    amplitude = _spectrum(np.where(walking[:, None], acc - mean, 0.0))
-    frequency = np.arange(len(amplitude)) * sampling_rate_hz / (2 * (len(amplitude) - 1))
-    return _step_frequency(amplitude, mean / np.linalg.norm(mean), frequency)
+    return _spectrum(acc, walking, sampling_rate_hz)[-1] if walking.any() else 0.0
 
 
 def tilted(forces: np.ndarray, acc: np.ndarray, sampling_rate_hz: float) -> float:
-    """Largest angle [rad] of the mean force over 4 s from the vertical, of forces (T, 3) in the world, z up.
-
-    The angle is small if the attitude is right, because nobody accelerates for so long. Only windows are used in and
-    beside which `acc` (T, 3), in the trunk's axes, is within 25° of upright, as a sensor held in a hand is not. 0
-    without such a window.
+    """Largest angle [rad] of the mean force over 4 s from the vertical, of forces (T, 3) in the world, z up: small if
+    the attitude is right. Only windows count in and beside which `acc` (T, 3), in the trunk's axes, is within 25° of
+    upright, as a sensor held in a hand is not; 0 without such a window.
     """
     size = window_size(4.0, sampling_rate_hz)  # [s] nobody accelerates for so long
     if len(forces) < size:
@@ -180,10 +161,9 @@ def _from_vertical(vectors: np.ndarray) -> np.ndarray:
 
 
 def by_gravity(imu: Imu, sampling_rate_hz: float) -> Imu:
-    """The sensor with the angular rate that its accelerometer shows, for a gyroscope whose axes or signs are wrong.
-
-    The slow turn of gravity gives the rate about horizontal axes. The rate about the vertical is the slow rate of the
-    gyroscope about its axis of most rotation: its size is right, its sign may be wrong.
+    """The sensor with the angular rate that its accelerometer shows, for a gyroscope whose axes or signs are wrong: the
+    slow turn of gravity, and about the vertical the slow rate of the gyroscope about its axis of most rotation, whose
+    size is right and whose sign may be wrong.
     """
     size = window_size(GRAVITY_S, sampling_rate_hz)
     up, rate = (held_mean(held_mean(as_float(values), size), size) for values in (imu.acc, imu.gyr))
@@ -194,15 +174,19 @@ def by_gravity(imu: Imu, sampling_rate_hz: float) -> Imu:
     return imu._replace(gyr=tilting + (rate @ axis)[:, None] * up)
 
 
-def _spectrum(values: np.ndarray) -> np.ndarray:
-    """Complex amplitudes along the first axis, padded with zeros to a power of two."""
-    return np.asarray(np.fft.rfft(values, 1 << int(np.ceil(np.log2(2 * len(values)))), axis=0))
+def _spectrum(
+    acc: np.ndarray, walking: np.ndarray, sampling_rate_hz: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """The vertical (3,) in walking (T,), complex amplitudes of the force (T, 3) in walking and their frequencies, and
+    the step frequency [Hz].
 
-
-def _step_frequency(amplitude: np.ndarray, up: np.ndarray, frequency: np.ndarray) -> float:
-    """[Hz] The frequency of most power of the accelerations of all axes, smoothed over a tenth of a hertz; that of the
-    vertical one if it is about twice as large: that of all axes is then of the sway.
+    That is the frequency of most power of all axes, smoothed over a tenth of a hertz, or that of the vertical one if it
+    is about twice as large: that of all axes is then of the sway.
     """
+    mean = acc[walking].mean(axis=0)
+    up, size = mean / np.linalg.norm(mean), 1 << int(np.ceil(np.log2(2 * len(acc))))
+    amplitude = np.fft.rfft(np.where(walking[:, None], acc - mean, 0.0), size, axis=0)
+    frequency = np.arange(len(amplitude)) * sampling_rate_hz / size
     width = max(1, int(np.sum(frequency < 0.1)))
 
     def greatest(power: np.ndarray, fastest: float) -> float:
@@ -212,7 +196,7 @@ def _step_frequency(amplitude: np.ndarray, up: np.ndarray, frequency: np.ndarray
 
     of_all = greatest(np.sum(np.abs(amplitude) ** 2, axis=1), 2.8)
     upward = greatest(np.abs(amplitude @ up) ** 2, 3.5)  # for children who walk quickly
-    return upward if upward > 1.75 * of_all else of_all
+    return up, amplitude, frequency, upward if upward > 1.75 * of_all else of_all
 
 
 def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
@@ -237,10 +221,9 @@ def _running(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
 
 
 def worn(axes: TrunkAxes) -> dict[str, str | float]:
-    """How the sensor is worn: the sensor axes that point up and forward, such as "z" or "−x", and two angles [°].
-
-    `lean_deg` is that of `up` from the vertical, `turned_deg` that of `forward` from the direction of walking, in the
-    horizontal plane.
+    """How the sensor is worn: the sensor axes that point up and forward, such as "z" or "−x", and two angles [°]:
+    `lean_deg` of `up` from the vertical, `turned_deg` of `forward` from the direction of walking, in the horizontal
+    plane.
     """
     names, nearest = [], np.zeros((3, 3))
     for number in (2, 0):

@@ -33,15 +33,7 @@ Deviations from the paper:
 """
 
 from jgait.estimators.leg_ekf.estimator import estimate, estimator, run
-from jgait.estimators.leg_ekf.params import (
-    DEFAULT,
-    PAPER,
-    BySide,
-    LegOptions,
-    LegParams,
-    one_side,
-    with_body,
-)
+from jgait.estimators.leg_ekf.params import DEFAULT, PAPER, BySide, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import prepare as prepared
 
 __all__ = [

@@ -18,7 +18,6 @@ from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams,
 from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
-from jgait.estimators.leg_ekf.slips import slipped
 from jgait.estimators.programs import compiled
 from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
@@ -57,9 +56,8 @@ def observe(
     inputs: LegInputs,
     options: LegOptions,
 ) -> tuple[LegObservation, LegControl, LegObservation]:
-    """Observation, control and mask of the leg filter, for a whole recording or for one sample.
-
-    Observations that the options turn off have a constant False mask, so that the filter does not compute them.
+    """Observation, control and mask of the leg filter, for a whole recording or for one sample. Observations that the
+    options turn off have a constant False mask, so that the filter does not compute them.
     """
     there = leg.thigh.measured | (leg.thigh.lost > 0.0)  # all but padding
     hip, knee, gain = p.standing_hip, p.standing_knee, p.thigh_gain
@@ -96,9 +94,8 @@ def observe(
 
 
 def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> Belief:
-    """The belief before the first sample: standing, with the gyroscopes' biases at rest.
-
-    With `options.gravity` the inclination filter has already removed the biases.
+    """The belief before the first sample: standing, with the gyroscopes' biases at rest, which the inclination filter
+    has already removed with `options.gravity`.
     """
     zero = xp.zeros_like(start_variance)
     thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
@@ -133,10 +130,9 @@ def trajectory_of(state: LegState) -> LegTrajectory:
 
 
 def deviation_of(p: LegParams, state: LegState, cov: Covariance) -> LegTrajectory:
-    """Standard deviations of the leg: the filter's, with those of the standing pose and of soft tissue.
-
-    The pose in the calibrating stance is unknown by a constant; soft tissue moves by a share of the angle from standing
-    and by itself. Both pass to x and y through the kinematics.
+    """Standard deviations of the leg: the filter's, with those of the standing pose, which is unknown by a constant,
+    and of soft tissue, by a share of the angle from standing and by itself. Both pass to x and y through the
+    kinematics.
     """
     shin = state.thigh_angle + state.knee_angle
     thigh, shank = soft_tissue_variances(p, state)
@@ -208,10 +204,9 @@ def run(p: LegParams, inputs: LegInputs, options: LegOptions = DEFAULT, model: M
 
     Returns:
         Angles, foot position and distance with standard deviations; `diagnostics` holds the distance's, (T,)
-        `distance_stddev` [m], the log-likelihood of the innovations and the mean normalised innovation squared of each
-        leg, the standard deviations (2,) of the zeros of its hip and knee, `zero_stddev_<side>` [rad], and of each
-        shank's strapdown the mean NIS, the sum of its strides [m], the largest of their deviations [m],
-        and the number of those in doubt.
+        `distance_stddev` [m], of each leg the log-likelihood, the mean normalised innovation squared, and the standard
+        deviations (2,) of the zeros of hip and knee, `zero_stddev_<side>` [rad], and of each shank's strapdown the sum
+        of its strides [m] and the number of those that are uncertain or in doubt.
     """
     worn = [(side, leg) for side, leg in enumerate((inputs.right, inputs.left)) if leg is not None]
     params, signals = stacked(*((calibrated(one_side(p, side), leg.pose), leg) for side, leg in worn))
@@ -247,8 +242,9 @@ def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOpt
     """
     both = stacked(leg.thigh, leg.shank)
     segments = jax.vmap(lambda bias, unrest, angle: inclination.prior(bias, start_variance, unrest, angle))
-    belief = prior_of(p, leg, start_variance, options)
-    return LegBeliefs(segments(both.bias, both.unrest, both.start), belief, both.gyr[:, 0])
+    return LegBeliefs(
+        segments(both.bias, both.unrest, both.start), prior_of(p, leg, start_variance, options), both.gyr[:, 0]
+    )
 
 
 def filtered(
@@ -303,7 +299,8 @@ def _finished(result: Estimate, made: Prepared[LegInputs]) -> Estimate:
             diagnostics[f"stated_{side}"] = np.asarray(result.valid | ~made.inputs.valid)
             for start, stop in long_gaps(leg, made.inputs.time):
                 diagnostics[f"stated_{side}"][start:stop] = False
-            if (after := slipped(made.quality, side, as_float(made.inputs.time))).any():
+            slips_at = min((f.slips_at for name, f in made.quality.items() if name.endswith(side)), default=np.inf)
+            if (after := as_float(made.inputs.time) - made.inputs.time[0] >= slips_at).any():
                 diagnostics[f"slipped_{side}"] = after
     for side in SIDES:
         if shanks is not None and f"shank_doubtful_{side}" in diagnostics:
@@ -330,10 +327,7 @@ def estimate(p: LegParams, recording: Recording, options: LegOptions = DEFAULT) 
     legs.
 
     At least the leg lengths of the parameters should be measured on the person. Without accelerometers the inclination
-    filter is not used, and a note states it.
-
-    Returns:
-        An `Estimate`; `diagnostics["notes"]` lists the decisions made in `prepare`.
+    filter is not used, and a note states it; `diagnostics["notes"]` lists the decisions made in `prepare`.
 
     Raises:
         RecordingError: missing placement, clocks that differ, no standing, no walking.

@@ -42,10 +42,9 @@ class InclinationObservation(NamedTuple):
 
 
 class InclinationControl(NamedTuple):
-    """Inputs of a sample: mean rate over the interval [rad/s], whether the person stands, whether it was measured.
-
-    `lost` is the time since the last measured sample [s], where the sample was not measured; None: one interval.
-    `unrest` is a further variance of the gyroscope about its bias while standing [rad²/s²]; None: zero.
+    """Inputs of a sample: mean rate over the interval [rad/s], whether the person stands, whether it was measured, and
+    if not, the time since the last measured sample [s]; None: one interval. `unrest` is a further variance of the
+    gyroscope about its bias while standing [rad²/s²]; None: zero.
     """
 
     rate: Three
@@ -160,7 +159,6 @@ def observed(
     segment: Segment, before: Values, inputs: LegInputs, standing: bool
 ) -> tuple[InclinationObservation, InclinationControl, InclinationObservation]:
     """Observation, control and mask of samples (T,) of a segment: gravity always, the bias in standing if `standing`.
-
     `before` is the rate at the sample before the first [rad/s].
     """
     rate, measured = segment.gyr, segment.measured

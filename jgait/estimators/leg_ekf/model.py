@@ -113,7 +113,6 @@ def angle_blocks(params: LegModelParams, angle: Values, cross: Values, rate: Val
 
 def transition_noise(params: LegModelParams, state: LegState, control: LegControl, dt: Values) -> Covariance:
     """Q with the angle blocks σ_θ [T³/3, T²/2; T²/2, T] (deviation 2), and the error of the Euler step in x and y.
-
     While samples are lost, angles are unknown, and with them x and y, of a leg of about a metre.
     """
     del state
@@ -169,7 +168,7 @@ def standing_belief(
     """The belief before the first sample of a person who stands in a known pose.
 
     θ₁ and θ₂ [rad] have one variance [rad²]; the biases of both gyroscopes at rest are in rad/s. x and y start on the
-    forward kinematics (deviation 4), with the uncertainty that the angles give a straight leg: if x and y were certain,
+    forward kinematics (deviation 4), with the uncertainty that the angles give a straight leg: if they were certain,
     the closure would keep a wrong pose.
     """
     zero = jnp.zeros_like(jnp.asarray(thigh_bias) + thigh_angle)

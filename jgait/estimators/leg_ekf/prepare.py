@@ -16,13 +16,8 @@ from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
-from jgait.estimators.leg_ekf.notes import (
-    NOT_ESTIMATED,
-    ONE_LEG,
-    ZERO_OF_WALKING,
-)
+from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SLIPPED, STANDS_OTHERWISE, ZERO_OF_WALKING
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
-from jgait.estimators.leg_ekf.slips import slips
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S, legs_at_rest
 from jgait.mounting.leg import SegmentMounting, worn_legs
@@ -34,6 +29,9 @@ from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 
 LOWEST_RATE_HZ = 40.0
 """[Hz] Lowest sampling rate. Simulated knee angles err by 1.0° (rms) at 100 Hz, 1.2° at 41 Hz, 2.8° at 25 Hz."""
+
+OTHERWISE_DEG = 10.0
+"""[deg] Largest change of a segment's tilt between two times of standing; chosen, above that of legs of public sets."""
 
 LONG_GAP = 0.3
 """[s] Shortest gap in the samples for which no estimate is made; the leg's angles after the gap are unknown."""
@@ -53,19 +51,6 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
     return sides
 
 
-def common_clock(recording: Recording, sides: tuple[str, ...]) -> tuple[dict[str, Imu], np.ndarray]:
-    """The sensors of the measured legs and their common time, checked."""
-    sensors = {f"{part}_{s}": recording.sensors[f"{part}_{s}"] for s in sides for part in ("thigh", "shank")}
-    time = common_time(recording, list(sensors), "leg_ekf", "thigh and shank", acc=False)
-    rate = 1.0 / float(np.median(np.diff(time)))
-    if rate < 0.99 * LOWEST_RATE_HZ:  # a clock is a little off its nominal rate
-        raise RecordingError(
-            f"leg_ekf needs {LOWEST_RATE_HZ:g} Hz or more; the recording has {rate:.3g} Hz: between such samples a "
-            "shank turns by up to 20°, and errors of knee angles are three times as large as at 100 Hz"
-        )
-    return sensors, time
-
-
 def resting_legs(
     recording: Recording, options: LegOptions
 ) -> tuple[tuple[str, ...], dict[str, Imu], np.ndarray, np.ndarray]:
@@ -73,7 +58,14 @@ def resting_legs(
     lost; and where no leg moves (T,).
     """
     sides = worn_sides(recording)
-    sensors, time = common_clock(recording, sides)
+    sensors = {f"{part}_{side}": recording.sensors[f"{part}_{side}"] for side in sides for part in ("thigh", "shank")}
+    time = common_time(recording, list(sensors), "leg_ekf", "thigh and shank", acc=False)
+    rate = 1.0 / float(np.median(np.diff(time)))
+    if rate < 0.99 * LOWEST_RATE_HZ:  # a clock is a little off its nominal rate
+        raise RecordingError(
+            f"leg_ekf needs {LOWEST_RATE_HZ:g} Hz or more; the recording has {rate:.3g} Hz: between such samples a "
+            "shank turns by up to 20°, and errors of knee angles are three times as large as at 100 Hz"
+        )
     sensors = {k: i._replace(gyr=np.where(np.asarray(i.mask)[:, None], i.gyr, 0.0)) for k, i in sensors.items()}
     time, sensors = resampled(time, sensors, options.rate_hz)
     if options.median > 1:
@@ -115,10 +107,12 @@ def with_feet(recording: Recording, sensors: Mapping[str, Imu], time: np.ndarray
 
 def in_segment(imu: Imu, worn: SegmentMounting) -> Segment:
     """A sensor's signals in the axes of its segment."""
-    gyr = as_float(imu.gyr) @ worn.axes.T
+    gyr, time, measured = as_float(imu.gyr) @ worn.axes.T, np.asarray(imu.time), np.asarray(imu.mask, bool)
     acc = np.zeros_like(gyr) if imu.acc is None else as_float(imu.acc) @ worn.axes.T * worn.scale
-    mask = np.asarray(imu.mask, bool)
-    return Segment(gyr, acc, mask, worn.bias, worn.variance, lost_time(np.asarray(imu.time), mask), worn.unrest)
+    last = np.maximum.accumulate(np.where(measured, np.arange(time.size), -1))
+    since = time - np.where(last >= 0, time[np.maximum(last, 0)], time[0])
+    lost = np.where(measured, 0.0, np.maximum(since, np.median(np.diff(time))))
+    return Segment(gyr, acc, measured, worn.bias, worn.variance, lost, worn.unrest)
 
 
 def rates_between(segment: Segment, time: np.ndarray) -> Segment:
@@ -131,13 +125,6 @@ def rates_between(segment: Segment, time: np.ndarray) -> Segment:
     return segment._replace(gyr=gyr)
 
 
-def lost_time(time: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """(T,) [s] time since the last measured sample, at least one interval; 0 where a sample is measured."""
-    last = np.maximum.accumulate(np.where(measured, np.arange(time.size), -1))
-    since = time - np.where(last >= 0, time[np.maximum(last, 0)], time[0])
-    return np.where(measured, 0.0, np.maximum(since, np.median(np.diff(time))))
-
-
 def long_gaps(leg: LegSignals, time: np.ndarray) -> list[tuple[int, int]]:
     """Half-open ranges of samples in which nothing is stated of a leg, because one of its sensors lacks samples."""
     step = float(np.median(np.diff(time)))
@@ -145,37 +132,85 @@ def long_gaps(leg: LegSignals, time: np.ndarray) -> list[tuple[int, int]]:
     return [(start, stop) for start, stop in true_runs(lost) if (stop - start) * step >= LONG_GAP]
 
 
-def _gap_notes(gaps: Mapping[str, list[tuple[int, int]]], time: np.ndarray) -> list[Note]:
-    """A note for each long gap, with the sides that it is of."""
+def slips(
+    sensors: Mapping[str, Imu], upright: np.ndarray, standing: slice, time: np.ndarray
+) -> tuple[dict[str, SensorQuality], list[Note]]:
+    """Sensors that slipped, and notes on those whose tilt in another standing differs from that in the calibrating one.
+
+    If the last standing has such a tilt, and the movement before it too, the sensor slipped, see `_since`.
+    """
     step = float(np.median(np.diff(time)))
-    every = sorted({gap for of_side in gaps.values() for gap in of_side})
-    return [
-        NOT_ESTIMATED(
-            side=" and ".join(side for side in SIDES if (start, stop) in gaps.get(side, [])),
-            seconds=(stop - start) * step, begin_s=time[start] - time[0],
-        )
-        for start, stop in every
-    ]  # fmt: skip
+    runs = [slice(first, after) for first, after in true_runs(upright) if after - first >= LEGS_SHORTEST_S / step]
+    quality: dict[str, SensorQuality] = {}
+    notes = []
+    for name, imu in sensors.items():
+        if imu.acc is None or not runs:
+            continue
+        force = as_float(imu.acc)
+        down = force[standing].mean(axis=0)
+        others = np.stack([force[run].mean(axis=0) for run in runs])
+        cosines = others @ down / np.maximum(np.linalg.norm(others, axis=1) * np.linalg.norm(down), 1e-9)
+        degrees = np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
+        worst = int(np.argmax(degrees))
+        if degrees[worst] <= OTHERWISE_DEG:
+            continue
+        since = None
+        if degrees[-1] > OTHERWISE_DEG and runs[-1].start >= standing.stop:
+            moving = np.flatnonzero(np.asarray(imu.mask, bool) & ~upright)
+            moving = moving[(moving >= standing.stop) & (moving < runs[-1].start)]
+            # [s] accelerations of walking vanish over it
+            since = _since(force, moving, round(1.0 / step), down, others[-1])
+        if since is None:
+            notes.append(
+                STANDS_OTHERWISE(placement=name, degrees=degrees[worst], at_s=time[runs[worst].start] - time[0])
+            )
+        else:
+            quality[name] = SensorQuality(slips_at=float(time[since] - time[0]))
+            notes.append(SLIPPED(placement=name, degrees=degrees[-1], from_s=quality[name].slips_at))
+    return quality, notes
+
+
+def _since(force: np.ndarray, moving: np.ndarray, width: int, before: np.ndarray, after: np.ndarray) -> int | None:
+    """The sample from which on a sensor is tilted as in the standing `after` (3,), and not as in that `before`.
+
+    It splits windows of the samples in which the person moves so that their tilts vary least around the mean of either
+    part. None if the parts differ by less than half of the change in standing, and if none is after.
+    """
+    count = len(moving) // width
+    if count < 2:
+        return None
+    change = after - before
+    kept = moving[: count * width].reshape(count, width)
+    tilts = (force[kept].mean(axis=1) - before) @ change / (change @ change)
+    values = np.concatenate([[0.0], tilts])  # the standing before, from which a sensor may slip before the walk
+    parts = [(values[:number], values[number:]) for number in range(1, len(values))]
+    best = min(range(len(parts)), key=lambda number: sum(len(part) * float(np.var(part)) for part in parts[number]))
+    first, last = parts[best]
+    return None if last.mean() - first.mean() < 0.5 else int(kept[max(best - 1, 0), 0])
 
 
 SHANKS = AnkleOptions(site="shank")
 """Options of the strapdown of the shanks' sensors."""
 
 
-def shanks_of(
+def _shanks(
     recording: Recording, sides: tuple[str, ...]
 ) -> tuple[AnkleInputs | None, dict[str, SensorQuality], list[Note]]:
     """The inputs of the strapdown, and facts and notes about steps that it lacks, running, and signals that clip or are
     off; None without accelerometers, or if the sampling rate does not suit.
     """
     placements = [f"{segment}_{side}" for segment in ("thigh", "shank") for side in sides]
-    shanks = recording._replace(sensors={name: recording.sensors[name] for name in placements})
     try:
-        made = prepare_shanks(shanks, SHANKS)
+        made = prepare_shanks(
+            recording._replace(sensors={name: recording.sensors[name] for name in placements}), SHANKS
+        )
     except RecordingError:
         return None, {}, []
-    notes = [note for placement, facts in made.quality.items() for note in shank_notes(placement, facts)]
-    return made.inputs, made.quality, notes
+    return (
+        made.inputs,
+        made.quality,
+        [note for name, facts in made.quality.items() for note in shank_notes(name, facts)],
+    )
 
 
 def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:
@@ -228,18 +263,19 @@ def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[Leg
         for placement, other in alone.items()
     ]
     strapdown = options.distance == "strapdown" and options.rate_hz is None
-    shanks, quality, more = shanks_of(recording, sides) if strapdown else (None, {}, [])
+    shanks, quality, more = _shanks(recording, sides) if strapdown else (None, {}, [])
     notes += more
     if len(sides) == 1 and shanks is None:
         notes.append(ONE_LEG(side=sides[0]))
     gaps = {side: long_gaps(leg, time) for side, leg in legs.items()}
     valid = np.ones(time.size, bool)
-    for start, stop in itertools.chain(*gaps.values()):
+    for start, stop in sorted(set(itertools.chain(*gaps.values()))):
         valid[start:stop] = False
+        lacks = " and ".join(side for side in SIDES if (start, stop) in gaps.get(side, []))
+        notes.append(NOT_ESTIMATED(side=lacks, seconds=(stop - start) / rate, begin_s=time[start] - time[0]))
     dt = np.concatenate([[0.0], np.diff(time)])
     variance = np.asarray(1e-4 if still[0] else 0.01 if begins_walking else 0.1)
     inputs = LegInputs(legs.get("right"), legs.get("left"), time, dt, still, valid, variance, shanks)
-    notes += _gap_notes(gaps, time)
     gravity = options.gravity and not bare
     quality = merged(quality, slipping, dict.fromkeys(alone, SensorQuality(alone=True)))
     return Prepared(inputs, options._replace(gravity=gravity), tuple(notes), worn.standing, quality=quality)

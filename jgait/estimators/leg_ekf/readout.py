@@ -16,10 +16,8 @@ MOVES_M, LEAST_SHARE = 1e-3, 0.2
 
 
 def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:
-    """The paper's read-out (T,) [m]: D = Σ max(Δx, 0) + Σ |Δy|, forward displacement and vertical path of the foot.
-
-    Of the possible vertical displacements, Σ |Δy| gives results closest to the paper's figures (deviation 6). The
-    distance has a systematic error: it omits the movement of the hip during the swing of the foot.
+    """The paper's read-out (T,) [m]: D = Σ max(Δx, 0) + Σ |Δy|, forward displacement and vertical path of the foot
+    (deviation 6). It omits the movement of the hip during the swing of the foot.
     """
     x, y = (xp.diff(values, prepend=values[:1]) for values in (leg.x, leg.y))
     forward = xp.maximum(x, 0.0)
@@ -37,12 +35,12 @@ def backward(leg: LegTrajectory, before: LegTrajectory, rollover_radius: Values)
 
 
 def stance_carried(legs: Legs, rollover_radius: Values, still: Flags) -> Values:
-    """Σ max(−Δx_right, −Δx_left, 0) (T,) [m]: the foot that moves backward fastest is in stance.
+    """Σ max(−Δx_right, −Δx_left, 0) (T,) [m]: the foot that moves backward fastest is in stance; who stands gets no
+    farther.
 
     With sensors on one leg, its backward displacement is divided by the share of walking time in which the foot moves
     backward: the mean speed of the hip in the swing of the foot is taken to be the same. `rollover_radius` is the
-    displacement of the ankle per radian of shank rotation in stance [m]; the sway of a person who stands adds no
-    distance.
+    displacement of the ankle per radian of shank rotation in stance [m].
     """
     worn = [leg for leg in (legs.right, legs.left) if leg is not None]
     earlier = [jax.tree.map(lambda v: xp.concatenate([v[:1], v[:-1]]), leg) for leg in worn]

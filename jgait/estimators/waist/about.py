@@ -5,14 +5,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.about import (
-    About,
-    BodyMeasure,
-    EstimatedRecording,
-    EstimateFigure,
-    EstimateTable,
-    MissingMeasure,
-)
+from jgait.estimators.about import About, BodyMeasure, EstimatedRecording, EstimateFigure, EstimateTable, MissingMeasure
 from jgait.estimators.stride_flags import DOUBTFUL, HALF, SIDE_UNKNOWN, TURNING, UNEVEN_DURATION, UNSURE
 from jgait.estimators.totals import LEG_STRIDES, WAY, has_strides
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, PAPER

@@ -39,8 +39,7 @@ def bouts(
     contacts: trunk_events.Contacts, still: list[tuple[int, int]], rate: float, forward: np.ndarray
 ) -> list[list[Node]]:
     """Nodes of every bout: its contacts, the end of standing before them and the beginning of standing after them.
-
-    `still` has half-open ranges of samples in which the person stands, `forward` (T,) the forward acceleration.
+    `still` has half-open ranges of samples in which the person stands, `forward` (T,) is the forward acceleration.
     """
     at, side = as_float(contacts.time) * rate, np.asarray(contacts.side)
     likely = 0.5 + 0.5 * as_float(contacts.certainty)
@@ -113,10 +112,7 @@ def nodes(bouts: list[list[Node]], time: Values = (0.0,)) -> dict[str, np.ndarra
 
 
 def leave_out(nodes: dict[str, np.ndarray], lost: np.ndarray, time: np.ndarray) -> int:
-    """Take strides out of `nodes` that begin or end in a loss, or lose more than `LONGEST_LOSS`; returns their number.
-
-    `lost` (T,) bool is True at lost samples.
-    """
+    """Take strides out of `nodes` that begin or end in a loss (T,), or lose more than `LONGEST_LOSS`; their number."""
     rows = np.flatnonzero(nodes["stride"])
     begin, end = nodes["at"][rows - 2], nodes["at"][rows]
     gone = lost[begin] | lost[end] | (lost_between(lost, time, begin, end) > LONGEST_LOSS)

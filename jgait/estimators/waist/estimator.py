@@ -17,19 +17,8 @@ from jgait.estimators.waist import steps as waist_steps
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import (
-    DISTANCE_DOUBTFUL,
-    NOT_LEARNED,
-    WALKING_MISSED,
-)
-from jgait.estimators.waist.params import (
-    DEFAULT,
-    KNOWN,
-    PAPER,
-    WaistOptions,
-    WaistParams,
-    with_body,
-)
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, NOT_LEARNED, WALKING_MISSED
+from jgait.estimators.waist.params import DEFAULT, KNOWN, PAPER, WaistOptions, WaistParams, with_body
 from jgait.estimators.waist.prepare import prepare
 from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, closing, earlier
 from jgait.estimators.waist.steps import Intervals
@@ -59,11 +48,10 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
     """Estimate from prepared inputs: pure, for jit, vmap and grad, with static options.
 
     Returns:
-        `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m],
-        `trunk_acceleration` (T, 3) forward, to the left and up without gravity [m/s²], `FLAGS` for each stride,
-        contacts `initial_contact` (K,) [s] with `initial_contact_side`, `initial_contact_side_probability` and
-        `initial_contact_valid`, and, if "fused", the accelerometer's bias, log-likelihood and mean normalised
-        innovation.
+        `strides`, `strides_stddev` and `distance`; `diagnostics` holds `distance_stddev` (T,) [m], `trunk_acceleration`
+        (T, 3) forward, to the left and up without gravity [m/s²], `FLAGS` for each stride, contacts `initial_contact`
+        (K,) [s] with `_side`, `_side_probability` and `_valid`, and, if "fused", the accelerometer's bias,
+        log-likelihood and mean normalised innovation.
 
     Raises:
         ValueError: an unknown option.
@@ -156,10 +144,8 @@ def papers_estimator(options: WaistOptions = PAPER) -> Estimator[WaistParams, Wa
 def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAULT) -> Estimate:
     """Contacts, strides and distance of one recording with a sensor at the waist, on the lower back or on the pelvis.
 
-    Returns:
-        An `Estimate`; `diagnostics["notes"]` lists notes about the recording, `initial_contact` and
-        `initial_contact_side` (0 right, 1 left) are the contacts in order [s]; below `SIDE_KNOWN` of
-        `initial_contact_side_probability` a side is not known.
+    `diagnostics["notes"]` lists notes about the recording, `initial_contact` and `initial_contact_side` (0 right, 1
+    left) are the contacts in order [s]; below `SIDE_KNOWN` of `initial_contact_side_probability` a side is not known.
 
     Raises:
         RecordingError: see `prepare`.
@@ -168,31 +154,25 @@ def estimate(p: WaistParams, recording: Recording, options: WaistOptions = DEFAU
     return estimator(options).estimate(p, recording)
 
 
-DOUBTFUL = 0.25
-"""[1] Threshold on the distance's standard deviation over the distance; above it a note reports a useless distance."""
-
-
 SHORTEST_LEARNED_M, SLOWEST = 1.05, 0.85
 """[m], [m/s] Limits below the strides from which the pendulum was learned: the medians of 36 walks of `ipol_gait`, as
 this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
 
 SLOW, FEW = 0.6, 4
-"""[m/s] Speed below which a stride is unlike those that were learned, also in a walk that is faster on the whole; and
-number of such strides that is not noted. Straight strides of `ipol_gait` are faster, except the last ones of a walk."""
+"""[m/s], [1] Speed below which a stride is unlike those that were learned, also in a walk that is faster on the whole;
+and number of such strides that is not noted. Straight strides of `ipol_gait` are faster, but for the last ones."""
 
 
 OUTSIDE_SD, CLIMBS_SD = 0.35, 0.6
 """[1] Relative standard deviation of lengths of strides outside those from which the pendulum was learned, of strides
-that turn, which may be steps on the spot, and of strides on stairs, whose tread is shorter than a usual step. Chosen by
-simulated people who shuffle, limp or run (experiment `people.gaits`)."""
+that turn, and of strides on stairs. Chosen by simulated people who shuffle, limp or run (`people.gaits`)."""
 
 RISES = 0.25
-"""[m] Rise or fall above which a stride is on stairs, if more than `FEW` are. Flat stairs have more, usual slopes less;
-on recorded walks on level ground hardly a stride has more."""
+"""[m] Rise or fall above which a stride is on stairs, if more than `FEW` are: flat stairs have more, slopes less."""
 
 
-def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
+def _least_force(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     """(strides,) [1] the least upward specific force in a step over gravity, as the median over the steps of each
     stride and those beside them; contacts [s].
     """
@@ -206,67 +186,91 @@ def _felt(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     return np.array([1.0 + float(np.median(steps)) / GRAVITY if steps.size else 1.0 for steps in beside])
 
 
+def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
+    """(strides,) [m] rise of the trunk over each stride; 0 where rests are too far away to compute it."""
+    time, strides = as_float(result.time), result.strides
+    up = as_float(result.diagnostics["trunk_acceleration"])[:, 2:]
+    height = moved_between(up, still, (len(time) - 1) / float(np.ptp(time)))[:, 0]
+    return np.diff(np.interp([as_float(strides.start), as_float(strides.end)], time, height), axis=0)[0]
+
+
+def _slow(result: Estimate, inputs: WaistInputs) -> tuple[np.ndarray, list[Note]]:
+    """(strides,) bool, strides that are short or slow beside those that were learned, and the note about them: all, if
+    their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for itself (see `SLOW`). Not those of which both
+    steps are beside standing, and integrated.
+    """
+    strides = result.strides
+    length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
+    kept = np.asarray(strides.valid, bool)
+    beside = np.convolve(inputs.stands, np.ones(2 * EDGE_STEPS + 1), mode="same") > 0.0
+    rows = np.flatnonzero(inputs.stride)
+    noted = slow = kept & (speed < SLOW) & (np.abs(turn) <= LARGEST_TURN) & ~(beside[rows] & beside[rows - 1])
+    whole = kept & ~np.asarray(result.diagnostics["half"], bool)
+    whole = whole if whole.any() else kept
+    if np.median(length[whole]) < SHORTEST_LEARNED_M or np.median(speed[whole]) < SLOWEST:
+        noted, slow = whole & ((length < SHORTEST_LEARNED_M) | (speed < SLOWEST)), kept
+    elif slow.sum() <= FEW:
+        return slow, []
+    text = (
+        "{strides} of {of} strides, of {length_m:.2f} m at {speed:.2f} m/s in the median, are shorter or slower than "
+        f"those from which step lengths were learned, {SHORTEST_LEARNED_M:.2f} m and more at {SLOWEST:.2f} m/s and more"
+    )
+    middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
+    return slow, [NOT_LEARNED.note(text, strides=noted.sum(), of=kept.sum(), **middle)]
+
+
 def _doubts(
     result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]
 ) -> tuple[SensorQuality, list[Note], dict[str, np.ndarray]]:
-    """Facts and notes if the distance is unreliable (see `DOUBTFUL`), strides are short or slow, or in some the person
-    climbs (see `RISES`) or runs (see `FREE`); and the evidence about each stride.
-
-    Strides are short or slow all together, if their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for
-    itself (see `SLOW`); not where both steps are integrated, beside standing.
+    """Facts and notes if the distance is unreliable by a quarter, strides are slow (see `_slow`), or in some the
+    person climbs (see `RISES`) or runs (see `FREE`); and the evidence about each stride.
     """
-    options, integrated = made.options, _integrated(made)
-    strides, notes = result.strides, []
+    strides, unlike, notes = result.strides, list[Note](), list[Note]()
     kept = np.asarray(strides.valid, bool)
     if not kept.any():
         return SensorQuality(), [], {}
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
-    if useless := not spread <= DOUBTFUL * abs(way) or way <= 0.0:
+    if useless := not spread <= 0.25 * abs(way) or way <= 0.0:
         notes.append(DISTANCE_DOUBTFUL(distance_m=way, within_m=2.0 * spread))
-    force, slowly, outside = _felt(result, contacts), False, np.zeros(len(kept), bool)
-    runs = kept & (force < FREE)
-    if options.distance == "fused":
-        length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
-        turning = kept & (np.abs(turn) > LARGEST_TURN)
-        noted = slow = kept & (speed < SLOW) & ~turning & ~integrated
-        whole = kept & ~np.asarray(result.diagnostics["half"], bool)
-        whole = whole if whole.any() else kept
-        if np.median(length[whole]) < SHORTEST_LEARNED_M or np.median(speed[whole]) < SLOWEST:
-            noted, slow = whole & ((length < SHORTEST_LEARNED_M) | (speed < SLOWEST)), kept
-        if slowly := slow is kept or slow.sum() > FEW:
-            text = (
-                "{strides} of {of} strides, of {length_m:.2f} m at {speed:.2f} m/s in the median, are shorter or "
-                f"slower than those from which step lengths were learned, {SHORTEST_LEARNED_M:.2f} m and more at "
-                f"{SLOWEST:.2f} m/s and more"
-            )
-            middle = {"length_m": np.median(length[noted]), "speed": np.median(speed[noted])}
-            notes.append(NOT_LEARNED.note(text, strides=noted.sum(), of=kept.sum(), **middle))
+    outside = np.zeros(len(kept), bool)
+    if made.options.distance == "fused":
+        slow, unlike = _slow(result, made.inputs)
         beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
-        outside = (kept & beside) | turning
-    rise = _rise(result, made.inputs.still)
-    climbs = kept & (np.abs(rise) > RISES)
+        outside = kept & (beside | (np.abs(as_float(strides.turn)) > LARGEST_TURN))
+    rise, force = _rise(result, made.inputs.still), _least_force(result, contacts)
+    climbs, runs = kept & (np.abs(rise) > RISES), kept & (force < FREE)
     climbs &= climbs.sum() > FEW
     if climbs.any():
         text = "{strides} of {of} strides rise or fall by {rise_m:.2f} m in the median, as on stairs"
-        notes.append(NOT_LEARNED.note(text, strides=climbs.sum(), of=kept.sum(), rise_m=np.median(abs(rise[climbs]))))
+        rise_m = np.median(abs(rise[climbs]))
+        unlike.append(NOT_LEARNED.note(text, strides=climbs.sum(), of=kept.sum(), rise_m=rise_m))
     if runs.sum() > FEW:
         share = 100.0 * max(float(np.median(force[runs])), 0.0)
         text = (
             "in {strides} of {of} strides {share_pct:.0f} % of gravity or less is felt once in each step: running, or "
             "faster than the walks from which step lengths were learned"
         )
-        notes.append(NOT_LEARNED.note(text, strides=runs.sum(), of=kept.sum(), share_pct=share))
+        unlike.append(NOT_LEARNED.note(text, strides=runs.sum(), of=kept.sum(), share_pct=share))
         outside |= runs
-    facts = SensorQuality(unusable=useless, unlike=bool(slowly or climbs.any() or runs.sum() > FEW))
-    return facts, notes, {**among(strides), "outside": np.where(climbs, CLIMBS_SD, OUTSIDE_SD * outside)}
+    facts = SensorQuality(unusable=useless, unlike=bool(unlike))
+    evidence = {**among(strides), "outside": np.where(climbs, CLIMBS_SD, OUTSIDE_SD * outside)}
+    return facts, [*notes, *unlike], evidence
 
 
-def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
-    """(strides,) [m] rise of the trunk over each stride; 0 where rests are too far away to compute it."""
-    time, strides = as_float(result.time), result.strides
-    up = as_float(result.diagnostics["trunk_acceleration"])[:, 2:]
-    height = moved_between(up, still, (len(time) - 1) / float(np.ptp(time)))[:, 0]
-    return np.interp(as_float(strides.end), time, height) - np.interp(as_float(strides.start), time, height)
+def _steps_missed(result: Estimate, contacts: np.ndarray) -> list[Note]:
+    """A note if there are far fewer contacts [s] than the trunk is moved by steps."""
+    if len(contacts) < FEW:
+        return []
+    force = np.add(as_float(result.diagnostics["trunk_acceleration"]), [0.0, 0.0, GRAVITY])
+    contact_rate, rate = (1.0 / float(np.median(np.diff(times))) for times in (contacts, as_float(result.time)))
+    steps = step_frequency(force, rate)
+    if contact_rate >= 0.65 * steps:  # chosen, far below walks of `ipol_gait`, `mobgap_lab` and `tripod`
+        return []
+    text = (
+        "{found:.1f} contacts a second were found, but the trunk moves as in {steps:.1f} steps a second: contacts are "
+        "missed, as in limping"
+    )
+    return [WALKING_MISSED.note(text, found=contact_rate, steps=steps)]
 
 
 def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
@@ -278,41 +282,15 @@ def _finished(result: Estimate, made: Prepared[WaistInputs]) -> Estimate:
     (name,) = made.quality
     result = result._replace(diagnostics=diagnostics)
     facts, doubts, evidence = _doubts(result, diagnostics["initial_contact"], made)
-    noted = _steps_missed(result, diagnostics["initial_contact"])
-    diagnostics = {
-        **result.diagnostics, "notes": (*result.diagnostics["notes"], *doubts, *noted),
-        "sensors": merged(result.diagnostics["sensors"], {name: facts}),
-    }  # fmt: skip
-    result = result._replace(diagnostics=diagnostics)
+    missed = _steps_missed(result, diagnostics["initial_contact"])
+    diagnostics["notes"] = (*diagnostics["notes"], *doubts, *missed)
+    diagnostics["sensors"] = merged(diagnostics["sensors"], {name: facts})
     if made.options.distance != "fused":
         return result
     every = np.ones(np.shape(result.strides.side), bool)
     evidence |= of_sensors(result, {0: name, 1: name})
-    if noted:  # a stride is two: neither its length nor its time holds
+    if missed:  # a stride is two: neither its length nor its time holds
         evidence["outside"] = np.maximum(evidence.get("outside", 0.0), OUTSIDE_SD * every)
     result = quality.judged(result, "waist", evidence, {0: name, 1: name})
-    both = {"doubtful": every, "uneven": every} if noted else {}
+    both = {"doubtful": every, "uneven": every} if missed else {}
     return result._replace(diagnostics={**result.diagnostics, **both})
-
-
-def _integrated(made: Prepared[WaistInputs]) -> np.ndarray:
-    """(strides,) bool: both steps of the stride are beside standing, so that no pendulum measures them."""
-    inputs = made.inputs
-    beside = np.convolve(inputs.stands, np.ones(2 * EDGE_STEPS + 1), mode="same") > 0.0
-    rows = np.flatnonzero(inputs.stride)
-    return beside[rows] & beside[rows - 1] & (made.options.distance == "fused")
-
-
-def _steps_missed(result: Estimate, contacts: np.ndarray) -> tuple[Note, ...]:
-    """A note if there are far fewer contacts [s] than the trunk is moved by steps."""
-    if len(contacts) < FEW:
-        return ()
-    force = np.add(as_float(result.diagnostics["trunk_acceleration"]), [0.0, 0.0, GRAVITY])
-    contact_rate = 1.0 / float(np.median(np.diff(contacts)))
-    steps = step_frequency(force, 1.0 / float(np.median(np.diff(as_float(result.time)))))
-    text = (
-        "{found:.1f} contacts a second were found, but the trunk moves as in {steps:.1f} steps a second: contacts are "
-        "missed, as in limping"
-    )
-    missed_steps = contact_rate < 0.65 * steps  # chosen, far below walks of `ipol_gait`, `mobgap_lab` and `tripod`
-    return (WALKING_MISSED.note(text, found=contact_rate, steps=steps),) if missed_steps else ()

@@ -40,9 +40,8 @@ class TrunkState(NamedTuple):
 
 
 class TrunkError(NamedTuple):
-    """Error of a `TrunkState`; the error of the attitude is a rotation vector in the world [rad].
-
-    As variances: a number is the variance of each component.
+    """Error of a `TrunkState`; that of the attitude is a rotation vector in the world [rad]. As variances: a number is
+    the variance of each component.
     """
 
     attitude: Three | Values

@@ -151,14 +151,11 @@ TAPE_SD = 0.01
 
 
 def with_body(p: WaistParams, body: Measures) -> WaistParams:
-    """The parameters with a person's body measures.
-
-    Args:
-        p: parameters.
-        body: any of "sensor_height" [m], "height" [m] and "pendulum_constant" [1].
+    """The parameters with a person's body measures: any of "sensor_height" [m], "height" [m] and "pendulum_constant"
+    [1].
 
     Raises:
-        ValueError: if `body` has another name, a measure is not positive, or the height is outside `HEIGHTS`.
+        ValueError: another name, a measure that is not positive, or a height outside `HEIGHTS`.
     """
     body, known = in_metres(body), ("sensor_height", "height", "pendulum_constant")
     unknown = [name for name in body if name not in known]

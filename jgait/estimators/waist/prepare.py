@@ -21,11 +21,7 @@ from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
 from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
 from jgait.estimators.waist.motion import TrunkMotion
-from jgait.estimators.waist.notes import (
-    AXES_CORRECTED,
-    GYROSCOPE_CONTRADICTS,
-    LIES_TURNED,
-)
+from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_CONTRADICTS, LIES_TURNED
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, KNOWN, SITES, WaistOptions, WaistParams
 from jgait.events import shank as shank_events
 from jgait.events import trunk as trunk_events
@@ -43,9 +39,8 @@ from jgait.types import Imu, Recording, RecordingError, as_float
 
 MIRRORED = 0.4
 """[1] log(misfit / misfit of the gyroscope with the reversed sign) above which the reversal is kept. A misfit is the
-mean square of the horizontal acceleration over a second, in which that of walking averages out: with the wrong
-sign the leans from accelerometer and gyroscope have opposite signs. It is below −.5 in each of 14 walks of `ipol_gait`,
-`mobgap_lab`, `neura_sparse` and `tripod`, and within ±.2 in five simulated people, who hardly lean."""
+mean square of the horizontal acceleration over a second: with the wrong sign the leans from accelerometer and gyroscope
+have opposite signs. It is below −.5 in 14 public walks, and within ±.2 in simulated people who hardly lean."""
 
 CONTRADICTS = np.deg2rad(15.0)
 """[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
@@ -54,8 +49,7 @@ gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_spar
 LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
 """[rad] Angle between mean force and vertical above which the person does not walk, if the directions there differ by
 more than `VARIES` (root mean square): the sensor is handled, or the person sits down or bends. A sensor that slipped
-keeps its direction. Chosen above all walks of `ipol_gait`, `tripod`, `neura_sparse` and the straight ones of
-`mobgap_lab`."""
+keeps its direction. Chosen above all public walks."""
 
 NO_NODES = waist_bouts.nodes([])
 
@@ -168,15 +162,11 @@ def _motion(
     notes: list[Note],
     one_pose: bool,
 ) -> tuple[Imu, TrunkRest, TrunkMotion, bool]:
-    """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; the motion of the trunk; and
-    whether the motion is by the accelerometer alone.
+    """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; the motion of the trunk, by the
+    filter alone; and whether it is by the accelerometer alone.
 
-    The sign is only judged if the sensor has one pose on the trunk: one that falls off turns faster than it measures.
-
-    A gyroscope that contradicts the accelerometer (see `CONTRADICTS`) is replaced: in a turn it would tip the trunk
-    over, and no contact would be found behind the turn.
-
-    The motion is by the filter alone: smoothing moves contacts by a millisecond.
+    The sign is only judged if the sensor has one pose on the trunk. A gyroscope that contradicts the accelerometer (see
+    `CONTRADICTS`) is replaced: in a turn it would tip the trunk over, and no contact would be found behind the turn.
     """
 
     def moved(turned: Imu, rested: TrunkRest) -> tuple[TrunkMotion, float]:

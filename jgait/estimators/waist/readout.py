@@ -26,8 +26,7 @@ from jgait.types import AnyArray, Flags, Values
 EDGE_STEPS = 2
 """[intervals] Number of intervals after standing that are gait initiation, and before standing or the end of a bout
 that are stopping. Beside standing, whose speed is known, no pendulum is observed: on `ipol_gait` it makes the last
-steps too long, and integration does not. That the end of a bout counts without standing, too, was decided with
-`ipol_gait` and `mobgap_lab` in view."""
+steps too long, and integration does not."""
 
 
 class WaistWalk(NamedTuple):
@@ -49,8 +48,8 @@ def earlier(values: AnyArray, rows: int) -> Array:
 
 
 def constant_variance(p: WaistParams) -> Values:
-    """Variance among people of the logarithm of their steps over the pendulum's: that of the constant, and that of the
-    sensor's height.
+    """Variance among people of the logarithm of their steps over the pendulum's: of the constant and of the sensor's
+    height.
     """
     power = 1.0 - 0.5 * (p.excursion_power + p.surge_power)
     return p.pendulum_constant_sd**2 + (power * p.pendulum_length_sd / p.pendulum_length) ** 2
@@ -109,9 +108,8 @@ def _turned(inputs: WaistInputs, intervals: Intervals) -> Values:
 
 
 def bouts_begin(p: WaistParams, inputs: WaistInputs, like: Values) -> tuple[Values, Values]:
-    """Samples at which a bout begins (T,) bool, and the initial speed: 0 after standing, else `start_speed` [m/s].
-
-    The speeds have the dtype of `like` (T,).
+    """Samples at which a bout begins (T,) bool, and the initial speed: 0 after standing, else `start_speed` [m/s], in
+    the dtype of `like` (T,).
     """
     at = xp.where(inputs.fresh, inputs.at, like.shape[0])
     starts = xp.where(inputs.stands, 0.0, p.start_speed)
@@ -169,11 +167,9 @@ def fused(p: WaistParams, inputs: WaistInputs, intervals: Intervals, options: Wa
     """Distance by the state-space model.
 
     The pendulum's constant has one error for all steps. It is no state: integrated accelerations of a whole walk are
-    too small, the more the longer it is, and would lower it with every bout.
-
-    The foot of a stride that ends in standing comes to rest beside the other: it moves as far as the step before is
-    long, while the trunk, which was behind the foot, goes farther. The deviation of an integrated stride contains its
-    difference from the pendulum's.
+    too small, the more the longer it is, and would lower it with every bout. The foot of a stride that ends in standing
+    comes to rest beside the other: it moves as far as the step before is long, while the trunk goes farther. The
+    deviation of an integrated stride contains its difference from the pendulum's.
     """
     row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
     there = row < inputs.count
@@ -226,9 +222,9 @@ def by_integration(
     """Distance by the paper's method, and its standard deviation.
 
     A bias b of the forward acceleration causes an error b t of the speed, which grows up to the cycle from which OFDRI
-    holds the speed; a turn of the walk reverses the bias. If a bout does not begin from standing, its initial speed is
-    unknown, with the standard deviation `start_sd` (K,) [m/s]. Errors of bouts are taken to add up, because all bouts
-    have the same bias. `speed` (K,) is the mean over each interval [m/s]; `held`: OFDRI holds it there.
+    holds the speed (`held`); a turn of the walk reverses the bias. The initial speed of a bout that does not begin from
+    standing has the deviation `start_sd` (K,) [m/s]. Errors of bouts add up, because all have the same bias. `speed`
+    (K,) is the mean over each interval [m/s].
     """
     step = xp.where(inputs.moves, intervals.duration * speed, 0.0)
     distance = xp.cumsum(step)

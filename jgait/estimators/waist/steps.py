@@ -67,7 +67,6 @@ def intervals(p: WaistParams, inputs: WaistInputs, motion: TrunkMotion) -> Inter
 
 def _ranges(after: Flags, steps: Values, forward: Values, height: Values, speed: Values) -> tuple[Values, ...]:
     """(T,) each: forward acceleration integrated since the last node, once and twice; ranges of height and speed.
-
     `after` (T,) is True where a node was the sample before.
     """
 

@@ -23,7 +23,7 @@ Readings:
     1. v_f − v_i "lower than" ε is meant without its sign; by OFI it is J(T) whatever v_i.
     2. The first three initial heel strikes are those at which cycles 1, 2 and 3 begin: cycles 1 and 2 are integrated,
        the third is the first that may be corrected.
-    3. OFI has no high-pass. OFDRI's cut-off is that of the optimum rule (`optimum`), for each cycle by itself, or 0.
+    3. OFI has no high-pass. OFDRI's cut-off is that of the optimum rule, for each cycle by itself, or 0.
 """
 
 from typing import Annotated, NamedTuple
@@ -33,8 +33,14 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
-from jgait.estimators.waist.ofdri import Cycles, direct_reverse_cycles, placed, signal_and_steps
-from jgait.estimators.waist.optimum import HIGHEST, optimum_cutoffs
+from jgait.estimators.waist.ofdri import (
+    HIGHEST,
+    Cycles,
+    direct_reverse_cycles,
+    optimum_cutoffs,
+    placed,
+    signal_and_steps,
+)
 from jgait.params import Param, Parameter, documented, fixed, positive
 from jgait.signal.marks import marks
 from jgait.types import Flags, Values

@@ -5,8 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.estimators.waist.ofdri import Cycles, direct_reverse_cycles, placed, signal_and_steps, since, weight
-from jgait.estimators.waist.optimum import optimum_cutoffs
+from jgait.estimators.waist.ofdri import (
+    Cycles,
+    direct_reverse_cycles,
+    optimum_cutoffs,
+    placed,
+    signal_and_steps,
+    since,
+    weight,
+)
 
 DT, SAMPLES = 0.01, 111
 TIME = np.arange(SAMPLES) * DT
