@@ -37,14 +37,17 @@ MEASURES = {
 
 NUMBERS = {
     **MEASURES, "distance_m": BodyMeasure("distance", "m", 0.01, 1e6, "distance walked"),
-    "sampling_rate_hz": BodyMeasure("sampling_rate", "Hz", 0.1, 1e6, "sampling rate"),
+    **dict.fromkeys(("sampling_rate_hz", "rate_hz"), BodyMeasure("sampling_rate", "Hz", 0.1, 1e6, "sampling rate")),
 }  # fmt: skip
 """Columns of numbers."""
 
 REFERENCES = ("reference_samples", "reference_strides")
 """Columns of files with a reference, see `io.reference_from_tables`."""
 
-COLUMNS = ("file", "subject", "day", *NUMBERS, *REFERENCES)
+HOW = ("placement", "gyr_unit", "acc_unit")
+"""Columns of what is stated of a recording, as by the options of the command."""
+
+COLUMNS = ("file", "subject", "day", *NUMBERS, *HOW, *REFERENCES)
 
 SUBJECTS_UNKNOWN = Kind(
     "subjects_unknown", "info", "no column 'subject': every recording counts as another person",
@@ -151,7 +154,8 @@ class CohortFiles:
         numbers = {name: _number(row, name) for name in NUMBERS}
         if not (self.folder / file).exists():
             raise FileNotFoundError(f"there is no such file: {self.shown / file}")
-        how["rate"] = numbers["sampling_rate_hz"] or how.get("rate")
+        how["rate"] = numbers["sampling_rate_hz"] or numbers["rate_hz"] or how.get("rate")
+        how |= {name: row[name] for name in HOW if row.get(name)}
         recording = recording_of(self.folder / file, name=file, subject=row.get("subject") or file, **how)
         known = {measure.name: numbers[name] for name, measure in MEASURES.items()}
         return recording, {name: value for name, value in known.items() if value is not None}

@@ -180,5 +180,7 @@ def recording_of(
             file, format=kind, placement=placement, placements=placements or None, sampling_rate_hz=rate,
             gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
         )  # fmt: skip
+    except FileNotFoundError as error:  # commands print the file before the error
+        raise FileNotFoundError("there is no such file") from error
     except RecordingError as error:
         raise in_options(error, called.get("name") or file.stem, file.name) from error

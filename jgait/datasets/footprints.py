@@ -30,7 +30,8 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import reading, registry
-from jgait.datasets.reading import FLIP, SIDE_UNKNOWN, Files, foot_imu, footprint_strides, read_mat, way
+from jgait.datasets.reading import FLIP, SIDE_UNKNOWN, Files, foot_imu, footprint_strides, way
+from jgait.io.formats.matlab import read_matlab
 from jgait.notes import AS_READ
 from jgait.types import Estimate, Legs, Recording, RecordingError, Walk
 
@@ -56,7 +57,7 @@ def load_one(name: str) -> Walk:
         AS_READ.note("z down upstream: sensor axes turned about x; positions seen from above (y changed sign)"),
     )
     path = files.need(f"{ROOT}/{name}{ENDING}")
-    raw = read_mat(path, ("timestamps", "imu_data"))
+    raw = read_matlab(path, ("timestamps", "imu_data"), squeeze_me=True)
     values = np.asarray(raw["imu_data"], np.float64)
     if values.ndim != 2 or values.shape[1] != 6:
         raise RecordingError(f"{path.name}: imu_data must be (T, 6), acceleration and rate; got {values.shape}")
@@ -82,7 +83,7 @@ def load_one(name: str) -> Walk:
 def _not_measured(name: str, files: Files) -> str | None:
     """Why the publisher does not use the footprints; None where nothing is said."""
     path = files.find(f"{RULER}/{name}.mat")
-    if path is None or read_mat(path, ("GCP_exist_and_correct",))["GCP_exist_and_correct"]:
+    if path is None or read_matlab(path, ("GCP_exist_and_correct",), squeeze_me=True)["GCP_exist_and_correct"]:
         return None
     return f"{path.name} says that the footprints were not measured, or not correctly"
 

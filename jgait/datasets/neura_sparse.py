@@ -28,6 +28,7 @@ from jaxtyping import PyTree
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
 from jgait.geometry.sagittal import leg_in_plane, low_pass_heading, path_walked
+from jgait.io.formats.matlab import read_matlab
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
@@ -126,15 +127,10 @@ def _on_one_clock(tables: dict[str, np.ndarray], most: int, notes: list[Note]) -
 
 def _read_vicon(path: Path) -> dict[str, np.ndarray]:
     """Marker or joint centre → (T, 3) [m]."""
-    from scipy.io import loadmat
-
     needed = ["LASI", "RASI", "LPSI", "RPSI", *(side + joint for side in "RL" for joint in ("HJC", "KJC", "AJC"))]
-    content = loadmat(path, squeeze_me=True)
-    lacking = [key for key in needed if key not in content]
-    if lacking:
-        raise RecordingError(f"{path.name} has no {lacking[0]}; needed are {', '.join(needed)}")
-    needed += [side + marker for side in "RL" for marker in ("HEE", "TOE") if side + marker in content]
-    return {key: np.asarray(content[key], np.float64) / 1000.0 for key in needed}
+    perhaps = [side + marker for side in "RL" for marker in ("HEE", "TOE")]
+    content = read_matlab(path, needed, perhaps, squeeze_me=True)
+    return {key: np.asarray(values, np.float64) / 1000.0 for key, values in content.items()}
 
 
 def _read_contact(name: str, files: Files) -> dict[str, np.ndarray]:

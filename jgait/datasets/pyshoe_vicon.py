@@ -37,7 +37,8 @@ from typing import Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.datasets.reading import AXES_TURNED, FLIP, foot_imu, footprint_strides, read_mat, way
+from jgait.datasets.reading import AXES_TURNED, FLIP, foot_imu, footprint_strides, way
+from jgait.io.formats.matlab import read_matlab
 from jgait.notes import AS_READ
 from jgait.signal.windows import true_runs
 from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk, as_float
@@ -64,7 +65,7 @@ def load_one(name: str) -> Walk:
     """One trial with the trajectory of the foot."""
     path, known = registry.file("pyshoe_vicon", f"{ROOT}/{name}.mat")
     flags = {detector: f"zv_{detector}_opt" for detector in DETECTORS}
-    raw = read_mat(path, ("ts", "imu", "gt", *flags.values()))
+    raw = read_matlab(path, ("ts", "imu", "gt", *flags.values()), squeeze_me=True)
     time, values = np.asarray(raw["ts"], np.float64), np.asarray(raw["imu"], np.float64)
     position = np.asarray(raw["gt"], np.float64)
     zero_velocity = {detector: np.asarray(raw[flag]).astype(bool) for detector, flag in flags.items()}

@@ -115,21 +115,6 @@ def on_counter(
     return sensors
 
 
-def read_mat(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Variables of a MATLAB file (version 5), arrays without axes of length one.
-
-    Raises:
-        RecordingError: if the file lacks one of the variables.
-    """
-    from scipy.io import loadmat
-
-    content = loadmat(path, squeeze_me=True, variable_names=list(names))
-    lacking = [name for name in names if name not in content]
-    if lacking:
-        raise RecordingError(f"{path.name} has no variable {lacking[0]}; needed are {', '.join(names)}")
-    return {name: content[name] for name in names}
-
-
 def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> tuple[Imu, float]:
     """A sensor [rad/s, m/s²] with time from 0, non-finite samples masked; and its sampling rate [Hz] from the median
     step.

@@ -3,7 +3,7 @@
 import difflib
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from jgait.io.units import split_unit
 from jgait.types import PLACEMENTS, RecordingError
@@ -35,6 +35,9 @@ CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
 
 COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in PLACEMENTS for channel in CHANNELS)})
 """The columns that jgait reads."""
+
+NUMBERED = re.compile(r"(?P<signal>.*?[^\W\d_])[ _.-]*(?P<number>\d+)(?:\s*[(\[{].*|_[^\d_].*)?")
+"""Pattern of a signal with the number of its axis, and perhaps its unit."""
 
 NOT_USED = "none"
 """What a user states instead of a placement for a sensor that is to be left out."""
@@ -183,6 +186,25 @@ def states(name: str, kind: str) -> bool:
     """Whether a word for a kind of signal is anywhere in a column's name."""
     plain = "".join(re.findall("[a-z]", _without_accents(name).lower()))
     return any(word in plain for word in KINDS[kind])
+
+
+def lettered(names: Sequence[str]) -> list[str]:
+    """Names of columns with x, y and z for axes that are only numbered, from 0 or from 1: "acc_1 [g]" is "acc_x [g]".
+
+    More or fewer numbers of one signal are no axes.
+    """
+    numbered: dict[str, dict[int, int]] = {}
+    result = list(names)
+    for at, name in enumerate(names):
+        match = NUMBERED.fullmatch(name)
+        if match and any(states(match["signal"], kind) for kind in KINDS) and not like_a_signal(match["signal"]):
+            numbered.setdefault(match["signal"], {})[int(match["number"])] = at
+    for signal, columns in numbered.items():
+        if sorted(columns) in ([0, 1, 2], [1, 2, 3]):
+            for axis, number in zip("xyz", sorted(columns), strict=True):
+                rest = names[columns[number]].removeprefix(signal).lstrip(" _.-")
+                result[columns[number]] = f"{signal}_{axis}{rest[len(str(number)) :]}"
+    return result
 
 
 def unit_in_name(name: str) -> str | None:

@@ -17,6 +17,7 @@ from jgait.io.names import (
     LONG_UNITS,
     SIDE_OF,
     column_of,
+    lettered,
     like_a_signal,
     not_recognised,
     placement_of,
@@ -123,7 +124,7 @@ def measured_table(
             "expected <placement>_gyr_x, …; recording_from_gaitmap reads two levels, sensor and channel"
         )
     table = with_time(table)
-    given = [str(column) for column in table.columns]
+    given = lettered([str(column) for column in table.columns])
     _check_wide(table, given, name)
     renamed = [column.strip().lower() for column in given]
     if placement is not None:

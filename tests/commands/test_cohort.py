@@ -117,6 +117,21 @@ def test_rows_of_a_table_give_people_measures_and_references(table, walks):
     assert bodies[0]["thigh_length"] == pytest.approx(0.245 * 1.8)
 
 
+def test_a_row_states_the_place_the_rate_and_the_units_of_its_recording(table, walks):
+    walk = pd.read_csv(walks[0] / "walk0.csv")
+    foot = walk[[c for c in walk if c.startswith("shank_right")]].rename(
+        columns=lambda c: c.removeprefix("shank_right_")
+    )
+    foot = foot.assign(**{c: foot[c] / (9.80665 if "acc" in c else 180.0 / np.pi) for c in foot})
+    foot.to_csv(walks[0] / "bare.csv", index=False)
+    stated = {"file": "bare.csv", "rate_hz": 100, "placement": "shank_left", "gyr_unit": "rad/s", "acc_unit": "g"}
+    found = opened(table(lambda frame: pd.concat([frame, pd.DataFrame([stated])]), "stated.csv"))
+    assert not any("column" in str(note) for note in found.notes if note.code != "measure_of_some")
+    recording, whole = found.read("bare.csv").recording, found.read("walk0.csv").recording
+    np.testing.assert_allclose(recording.sensors["shank_left"].gyr, whole.sensors["shank_right"].gyr, atol=1e-6)
+    np.testing.assert_allclose(recording.sensors["shank_left"].acc, whole.sensors["shank_right"].acc, atol=1e-5)
+
+
 def test_what_may_not_have_been_meant_is_noted(table):
     loose = table(lambda frame: frame.rename(columns={"thigh_length_m": "thigh_lenght_m"}).drop(
         columns=["subject", "distance_m"]), "loose.csv")  # fmt: skip

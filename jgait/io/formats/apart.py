@@ -25,7 +25,7 @@ from jgait.io.clocks import clock_of
 from jgait.io.files import check_file, numbers
 from jgait.io.formats.text import first_bytes
 from jgait.io.names import KINDS, placement_of
-from jgait.io.part import UP_UNSURE, Measured, Part
+from jgait.io.part import UP_UNSURE, Measured, Part, on_one_zero
 from jgait.io.text import read_table, separator_of, split
 from jgait.io.units import unit_of_columns
 from jgait.notes import AS_READ, Note
@@ -127,8 +127,17 @@ def _devices(folder: Path) -> list[list[Path]]:
     for file in signal_of:
         groups.setdefault(_key(file), []).append(file)
     whole = [files for files in groups.values() if {"gyr"} < {signal_of[file] for file in files}]
-    single = list(signal_of.values()).count("gyr") == 1 and len(signal_of) > 1
-    return [list(signal_of)] if single and not whole else whole
+    if not whole and list(signal_of.values()).count("gyr") == 1 and len(signal_of) > 1:
+        return [list(signal_of)]
+    if not signal_of:  # a folder for each place
+        below = [_devices(inner) for inner in sorted(folder.iterdir()) if inner.is_dir() and placement_of(inner.name)]
+        return [devices[0] for devices in below] if all(len(devices) == 1 for devices in below) else []
+    return whole
+
+
+def _place(file: Path) -> str | None:
+    """The placement that the name of a device's file states, or that of its folder."""
+    return placement_of(ADDRESS.sub("", _key(file))) or placement_of(file.parent.name)
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -162,16 +171,24 @@ def measured(path: Path) -> Measured:
             raise RecordingError(f"{path.name} holds no gyroscope; {where}")
     if not devices:
         raise RecordingError(f"{path.name} holds no gyroscope, which every method needs; expected {EXPECTED}")
-    addresses = [match.group() if (match := ADDRESS.search(files[0].name)) else None for files in devices]
-    if len(devices) > 1 and (None in addresses or len(set(addresses)) < len(devices)):
+    found = [ADDRESS.search(files[0].name) for files in devices]
+    addresses, places = [match and match.group() for match in found], [_place(files[0]) for files in devices]
+    if None in places or len(set(places)) < len(devices):
+        places = [None] * len(devices)
+    labels = places if None in addresses or len(set(addresses)) < len(devices) else addresses
+    if len(devices) > 1 and None in labels:
         named = ", ".join(files[0].name for files in devices[:3])
         what = f"{len(devices)} recordings, such as {named}: give the gyroscope's file of one of them"
         raise RecordingError(f"{path.name} holds {what}")
     notes: list[Note] = []
     name = path.name if path.is_dir() else path.stem if len(devices[0]) == 1 else _key(path) or path.parent.name
-    labels = [name] if len(devices) == 1 else [str(address) for address in addresses]
-    parts = [_part(files, label, notes) for files, label in zip(devices, labels, strict=True)]
-    return Measured(parts, name, notes=tuple(notes))
+    if len(devices) == 1:
+        return Measured([_part(devices[0], name, notes)], name, notes=tuple(notes))
+    parts = [
+        _part(files, str(label), notes)._replace(placement=place)
+        for files, label, place in zip(devices, labels, places, strict=True)
+    ]
+    return Measured(on_one_zero(parts, name), name, notes=tuple(notes))
 
 
 def _part(files: Sequence[Path], label: str, notes: list[Note]) -> Part:

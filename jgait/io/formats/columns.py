@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from jgait.io.files import check_file, read_parquet
 from jgait.io.formats.dialects import BODY_MOBGAP, gaitmap_parts, mobgap_part
-from jgait.io.names import CHANNELS, column_of, placement_of, sensor_of
+from jgait.io.names import CHANNELS, column_of, lettered, placement_of, sensor_of
 from jgait.io.part import Measured, joined
 from jgait.io.tables import measured_table
 from jgait.io.text import first_lines, header_at, read_table, separator_of, split
@@ -61,7 +61,8 @@ def measured(path: Path) -> Measured:
         parts = gaitmap_parts({sensor: table[sensor] for sensor in table.columns.unique(0)}, path.name)
         whose = AS_READ.note("gaitmap's two rows of names: m/s² and deg/s, as gaitmap has them")
         return Measured(parts, path.stem, notes=(*notes, whose))
-    plain = [str(column).strip().lower() for column in table.columns]
+    table = table.set_axis(lettered(list(map(str, table.columns))), axis=1)
+    plain = [column.strip().lower() for column in table.columns]
     if set(BODY_MOBGAP) <= set(plain):
         whose = AS_READ.note("mobgap's names of axes: m/s² and deg/s, as mobgap has them")
         return Measured([mobgap_part(table.set_axis(plain, axis=1), path.name)], path.stem, notes=(*notes, whose))

@@ -10,22 +10,19 @@ structs of one name, an array in MATLAB, are numbered: `Trial(2)`. A device hold
 *Units* and *placements* are stated by the specification, by the names of the structs: `LowerBack`, `LeftFoot`, …
 *Axes*: those of the device; the trunk's as it is usually worn are x up, y to the right, z forward, mirrored nowhere.
 They are kept. *Clock*: `Timestamp` where it disagrees with `Fs` by more than half a sample, else `Fs`.
-Read by SciPy, which reads MATLAB's files up to version 7; version 7.3 is refused with how to convert it.
+Version 7.3 of MATLAB's files is refused with how to convert it.
 """
 
-import contextlib
 import os
-import warnings
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import PyTree
 
 from jgait.io.clocks import CLOCKS_APART
-from jgait.io.files import Tree, check_file, check_size, library, positive, reading, three_columns
+from jgait.io.files import Tree, check_file, positive, reading, three_columns
+from jgait.io.formats.matlab import HEADS, read_matlab
 from jgait.io.names import placement_of
 from jgait.io.part import Measured, Part, on_one_zero
 from jgait.io.settle import settle
@@ -33,9 +30,6 @@ from jgait.notes import AS_READ, LEFT_OUT, Note
 from jgait.types import Recording, RecordingError
 
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
-HEADS = (b"MATLAB 5.0", b"MATLAB 7.3")
-COMPRESSED = 15
-"""Type of an element of a MATLAB file that is packed by zlib."""
 DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; if two devices have a sensor at one placement, the first is used."""
 
@@ -101,7 +95,7 @@ def _measured(path: Path, trial: str | None) -> Measured:
 def _trials(path: Path) -> dict[str, Tree]:
     """Trial → its struct, of the trials that hold a sensor."""
     check_file(path, EXPECTED)
-    data = _load(path)
+    data = read_matlab(path, ("data",), simplify_cells=True)["data"]
     if not isinstance(data, dict | list):
         kind = f"an array {np.shape(data)}" if np.ndim(data) else type(data).__name__
         raise RecordingError(f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {kind}")
@@ -111,45 +105,6 @@ def _trials(path: Path) -> dict[str, Tree]:
         there = f"its trials without are {', '.join(every)}" if every else f"'data' has {', '.join(data) or 'nothing'}"
         raise RecordingError(f"{path.name} has no trial with a struct {', '.join(DEVICES)}; {there}")
     return trials
-
-
-def _load(path: Path) -> PyTree:
-    """The variable `data`."""
-    with path.open("rb") as stream:
-        if stream.read(16).startswith(HEADS[1]):
-            how = "in MATLAB, load it and save(file, 'data', '-v7')"
-            raise RecordingError(f"{path.name} is a MATLAB file of version 7.3; expected version 5 to 7: {how}")
-    scipy_io = library("scipy.io", EXPECTED)
-    check_size(_declared(path), path)
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            content = dict(scipy_io.loadmat(path, simplify_cells=True))
-    except Exception as error:  # for a truncated file the reader may raise any exception
-        raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
-    if any('Duplicate variable name "data"' in str(each.message) for each in caught):
-        raise RecordingError(f"{path.name} has several variables 'data', one of which hides the rest; save each alone")
-    if "data" not in content:
-        there = ", ".join(key for key in content if not key.startswith("__")) or "none"
-        raise RecordingError(f"{path.name} is not {EXPECTED}: it has no variable 'data', but {there}")
-    return content["data"]
-
-
-def _declared(path: Path) -> int:
-    """[bytes] What the variables of a file of version 5 to 7 hold unpacked, by their tags of a type and a length."""
-    total = 0
-    with path.open("rb") as stream:
-        order: Literal["little", "big"] = "little" if stream.read(128)[126:] == b"IM" else "big"
-        while len(tag := stream.read(8)) == 8:
-            packed = b""
-            size = length = int.from_bytes(tag[4:], order)
-            if int.from_bytes(tag[:4], order) == COMPRESSED:
-                packed = stream.read(min(size, 1024))
-                with contextlib.suppress(zlib.error):  # SciPy says what is wrong
-                    length = int.from_bytes(zlib.decompressobj().decompress(packed, 8)[4:], order)
-            total += length
-            stream.seek(size - len(packed), os.SEEK_CUR)
-    return total
 
 
 def _descend(tree: PyTree, above: tuple[str, ...]) -> Iterator[tuple[str, Tree]]:

@@ -152,6 +152,20 @@ def test_devices_and_recordings_of_a_folder(tmp_path):
     made_files.check(io.read(file, placement="foot_right"))
 
 
+@pytest.mark.parametrize("apart", [False, True])
+def test_two_shoes_are_one_recording_if_names_tell_them_apart(tmp_path, apart):
+    names = {"left": ("LeftShoe", "C42700000000"), "right": ("foot_right", "E1AB00000001")}
+    for side, (prefix, mac) in names.items():
+        folder = tmp_path / f"{side}_foot" if apart else tmp_path
+        metabase(folder, prefix="walk" if apart else prefix, mac=mac, sign=1.0 if side == "right" else -1.0)
+    if not apart:
+        for file in tmp_path.iterdir():
+            file.rename(tmp_path / file.name.replace("E1AB00000001", "").replace("C42700000000", ""))
+    recording = io.read(tmp_path)
+    made_files.check(recording, "foot_right")
+    np.testing.assert_allclose(recording.sensors["foot_left"].gyr, -made_files.walk()[1], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "options",
     [{}, {"spelt": "{signal}{axis}"},

@@ -50,6 +50,24 @@ def test_numbers_of_samples_are_a_clock_if_the_rate_is_given(tmp_path, name):
         io.read(path)
 
 
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("spelt", ["foot_right_{kind}_{n}{unit}", "{kind}{n}{unit}", "Foot R {kind} {n}{unit}"])
+def test_axes_that_are_numbered_are_x_y_z(tmp_path, spelt, first):
+    path, table = named(tmp_path)
+    words, units = {"gyr": "Gyro", "acc": "Acc"}, {"gyr": " [deg/s]", "acc": " (m/s²)"}
+    table.columns = [
+        spelt.format(kind=words[c.split("_")[2]], n=first + "xyz".index(c[-1]), unit=units[c.split("_")[2]])
+        if c != "time" else c for c in table
+    ]  # fmt: skip
+    table.to_csv(path, index=False)
+    made_files.check(io.read(path, placement="foot_right"))
+    made_files.check(io.read_csv(path, placement=None if "oot" in spelt else "foot_right"))
+    more = spelt.format(kind="Gyro", n=first + 3, unit=units["gyr"])  # four sensors with one axis each
+    table.assign(**{more: 0.0}).to_csv(path, index=False)
+    with pytest.raises(RecordingError, match="no column that is recognised|lacks"):
+        io.read(path, placement="foot_right")
+
+
 def test_one_sensor_a_file(tmp_path):
     for name in ("foot_right.csv", "Left Foot.csv"):
         made_files.named(tmp_path / name, prefix="", time=False)

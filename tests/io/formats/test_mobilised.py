@@ -1,5 +1,7 @@
 """Mobilise-D's `data.mat`: written by this test as the specification says, and the real ones of mobgap."""
 
+import itertools
+
 import numpy as np
 import pytest
 from made.known_walk import GRAVITY, PLACES, RATE, SAMPLES, agrees, signals
@@ -8,6 +10,7 @@ from scipy.io import savemat
 
 from jgait import RecordingError, io
 from jgait.datasets import registry
+from jgait.io.formats.matlab import read_matlab
 
 LABELS = {"lower_back": "LowerBack", "foot_right": "RightFoot", "foot_left": "LeftFoot"}
 START = 1_607_605_064.733
@@ -99,6 +102,28 @@ def test_a_malformed_sensor_is_named(write, changed, message):
     path = write({"T": {"A": trial(SU={"LowerBack": sensor("lower_back", **changed)})}})
     with pytest.raises(RecordingError, match=message):
         io.read_mobilised(path)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_damaged_structure_never_reaches_scipy(tmp_path, compressed):
+    """SciPy ends the process at some types and lengths; each byte of a small file is damaged in turn."""
+    path = tmp_path / "data.mat"
+    tree = {"Fs": 100.0, "name": "foot", "list": np.array([1.0, "two"], dtype=object), "flag": np.array([True])}
+    savemat(path, {"data": tree, "beside": 1j * np.ones(3)}, do_compression=compressed)
+    good, needed = path.read_bytes(), ("data", "beside")
+    content = read_matlab(path, needed, ("lacks",), simplify_cells=True)
+    assert set(content) == set(needed) and content["data"]["name"] == "foot"
+    refused = 0
+    for at, value in itertools.product(range(124, len(good)), (0x00, 0x11, 0xFF)):
+        path.write_bytes(good[:at] + bytes([value]) + good[at + 1 :])
+        try:
+            read_matlab(path, needed)
+        except RecordingError:
+            refused += 1
+    assert refused > 0.2 * 3 * len(good[124:])
+    path.write_bytes(good[: len(good) - 9])
+    with pytest.raises(RecordingError, match="data.mat is no whole MATLAB file"):
+        read_matlab(path, needed)
 
 
 def test_real_trials_are_those_of_the_data_set(data):
