@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.datasets import registry
-from jgait.io.formats import mtw
+from jgait.io.formats import devices
 from jgait.notes import AS_READ, DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Imu, RecordingError, Strides
 
@@ -80,13 +80,10 @@ def xsens(path: Path) -> tuple[np.ndarray, float | None]:
     Raises:
         RecordingError: if it lacks a column, or has fewer than two rows.
     """
-    rows = mtw.FORMAT.read(path)
-    gyr, acc = mtw.signals(rows)
-    packets = mtw.counted(rows, mtw.COUNTER, mtw.COUNTER_BITS)
-    if packets is None or len(packets) < 2:
-        raise RecordingError(f"{path.name} has {0 if packets is None else 1} samples; at least 2 are needed")
-    stated = mtw.RATE.search("\n".join(rows.before))
-    return np.column_stack([packets, gyr, acc]), float(stated.group(1)) if stated else None
+    (part,) = devices.FORMATS["mtw"].measured(path).parts
+    if part.packets is None or part.acc is None or len(part.packets) < 2:
+        raise RecordingError(f"{path.name} has no numbers of packets, or one sample; at least 2 are needed")
+    return np.column_stack([part.packets, part.gyr, part.acc]), part.sampling_rate_hz
 
 
 def on_counter(

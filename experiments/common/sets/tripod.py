@@ -33,7 +33,7 @@ from jaxtyping import PyTree
 from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
 from jgait.geometry.vectors import GRAVITY
-from jgait.io.formats import physilog
+from jgait.io.formats import devices
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
@@ -128,7 +128,7 @@ def _optional(files: Files, path: str, read: PyTree) -> dict[str, PyTree]:
 
 def _read_sensor(path: Path) -> np.ndarray:
     """(n, 7): time [s], gyroscope [rad/s], accelerometer [m/s²]."""
-    (part,) = physilog.measured(path).parts
+    (part,) = devices.FORMATS["physilog"].measured(path).parts
     if part.acc is None or part.time is None or len(part.time) < 2:
         raise RecordingError(f"{path.name} has no accelerometer, or less than two rows")
     return np.column_stack([part.time, np.deg2rad(part.gyr), GRAVITY * part.acc])

@@ -24,7 +24,7 @@ import numpy as np
 from jgait.datasets import registry
 from jgait.datasets.reading import SIDE_UNKNOWN, foot_imu
 from jgait.geometry.vectors import GRAVITY
-from jgait.io.formats import xio
+from jgait.io.formats import devices
 from jgait.notes import AS_READ, Kind
 from jgait.types import Recording, RecordingError, Walk
 
@@ -43,7 +43,7 @@ def names() -> list[str]:
 def load_one(name: str) -> Walk:
     """One walk."""
     path, known = registry.file("xio_gait", f"{name}.csv")
-    content = xio.measured(path)
+    content = devices.FORMATS["xio"].measured(path)
     (part,), repeated = content.parts, content.notes
     if part.time is None or part.acc is None:
         raise RecordingError(f"{path.name} has no time; expected a column Time (s)")

@@ -19,7 +19,8 @@ class Format(NamedTuple):
     """A file format.
 
     A module `jgait.io.formats.MODULE` has `recognises(path, head) -> bool`, which looks at the name and the first
-    bytes only, and `measured(path) -> Measured`, which parses and raises `RecordingError` for what it cannot read.
+    bytes only, and `measured(path) -> Measured`, which parses and raises `RecordingError` for what it cannot read;
+    or `FORMATS`, name → an object that has both.
     """
 
     module: str  #: its name in this package.
@@ -33,15 +34,15 @@ FORMATS: dict[str, Format] = {
     "apdm": Format("apdm", "APDM Opal HDF5 or CSV", "*.h5, *.csv", "units, placements as labels, one clock"),
     "cwa": Format("cwa", "Axivity CWA (AX6)", "*.cwa", "units, time; no placement"),
     "bids": Format("bids", "BIDS motion", "*_motion.tsv with its .json and _channels.tsv", "units, placements, rate"),
-    "mtw": Format("mtw", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
-    "dot": Format("dot", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),
-    "shimmer": Format("shimmer", "Shimmer Consensys CSV", "*.csv, or a folder",
+    "mtw": Format("devices", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
+    "dot": Format("devices", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),
+    "shimmer": Format("devices", "Shimmer Consensys CSV", "*.csv, or a folder",
                       "units, time; placement perhaps as the device's name"),
     "apart": Format("apart", "signals apart (Sensor Logger, phyphox, MetaBase, CoreMotion)",
                     "a folder with a *.csv for each signal",
                     "time; units by the header or the app's documentation; no placement"),
-    "xio": Format("xio", "x-io CSV (x-IMU3, NGIMU, Fusion)", "*.csv, or a folder", "units, time; no placement"),
-    "physilog": Format("physilog", "Gait Up Physilog CSV", "*.csv, one file a sensor, or a folder",
+    "xio": Format("devices", "x-io CSV (x-IMU3, NGIMU, Fusion)", "*.csv, or a folder", "units, time; no placement"),
+    "physilog": Format("devices", "Gait Up Physilog CSV", "*.csv, one file a sensor, or a folder",
                        "units, time; no placement"),
     "csv": Format("columns", "a table with jgait's, gaitmap's or mobgap's columns", "*.csv, *.parquet, or a folder",
                   "placements; gaitmap's and mobgap's units, else they are deduced"),
@@ -71,7 +72,8 @@ OTHERS = {
 
 def _module(name: str) -> "tuple[Callable[[Path, bytes], bool], Callable[[Path], Measured]]":
     module = importlib.import_module(f"jgait.io.formats.{FORMATS[name].module}")
-    return module.recognises, module.measured
+    one = getattr(module, "FORMATS", {}).get(name, module)
+    return one.recognises, one.measured
 
 
 def format_of(path: str | os.PathLike[str]) -> str | None:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 HEAD = 4096  # [bytes] number of first bytes of a file that are read to recognise its format
-RAW = "lsb"  # unit of numbers that are not calibrated
 
 
 class Rows(NamedTuple):
@@ -62,10 +61,11 @@ class Rows(NamedTuple):
             raise RecordingError(f"{self.path.name}: {self.header[column]} is in {unit!r}; expected one of {expected}")
         return TIME_UNITS[unit] * self.numbers(column)
 
-    def signal(self, columns: Sequence[str]) -> tuple[np.ndarray, str | None]:
-        """(T, 3) of three columns, and the unit that the file states; None if it states none. Raises RecordingError if
-        a column is not there (the message names it and those that are), or the unit is none that is known.
+    def signal(self, pattern: str) -> tuple[np.ndarray, str | None]:
+        """(T, 3) of the columns X, Y and Z, for which the asterisk of a pattern stands, and their unit as the file
+        states it. Raises RecordingError if a column is not there, or the unit is not known.
         """
+        columns = [pattern.replace("*", axis) for axis in "XYZ"]
         places = [place for column in columns if (place := self.where(column)) is not None]
         if len(places) < len(columns):
             lacking = next(column for column in columns if self.where(column) is None)
@@ -74,7 +74,9 @@ class Rows(NamedTuple):
         stated = {self.units[place] if place < len(self.units) else "" for place in places}
         known = {known_unit(unit) for unit in stated}
         if stated != {""} and (len(known) > 1 or None in known):
-            raw = ": raw numbers, for which the calibration is lacking; export calibrated data" if RAW in stated else ""
+            raw = (
+                ": raw numbers, for which the calibration is lacking; export calibrated data" if "lsb" in stated else ""
+            )
             units = f"{', '.join(sorted(stated))}; expected one of {', '.join((*GYR_UNITS, *ACC_UNITS))}{raw}"
             raise RecordingError(f"{self.path.name}: {columns[0]} … is in {units}")
         return np.stack([self.numbers(place) for place in places], axis=1), known.pop()
@@ -90,6 +92,7 @@ class TextFormat(NamedTuple):
     in_header: bool = False  #: whether names of columns end with their units in parentheses.
     below: bool = False  #: whether the files of a folder may lie one folder further down.
     accepts: Callable[[Path, bytes], bool] = lambda path, head: True  #: what else a file's name and first bytes must be
+    together: Callable[[Measured, Sequence[Path]], Measured] = lambda whole, files: whole  #: what files need as one
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether it is such a file, by its header, or a folder of them."""
@@ -112,7 +115,8 @@ class TextFormat(NamedTuple):
             RecordingError: for another format, without raw calibrated signals, or for units that are not known.
         """
         if path.is_dir():
-            return joined([self.measured(file) for file in self.files(path)], path.name)
+            files = self.files(path)
+            return self.together(joined([self.measured(file) for file in files], path.name), files)
         rows = self.read(path)
         whole = self.content(rows)
         return whole._replace(notes=(*rows.notes, *whole.notes))
