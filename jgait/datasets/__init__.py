@@ -47,10 +47,8 @@ __all__ = [
 
 
 def names(name: str) -> tuple[str, ...]:
-    """Names of the recordings of a data set on this computer, including those that jgait does not list.
-
-    Raises:
-        DatasetUnavailable: if the computer has none; the message states how to get the set.
+    """Names of the recordings of a data set on this computer, including those that jgait does not list. Raises
+    DatasetUnavailable, with how to get the set, if there is none.
     """
     there = tuple(loader(name).names())
     if not there:
@@ -59,19 +57,13 @@ def names(name: str) -> tuple[str, ...]:
 
 
 def available(name: str) -> bool:
-    """Whether any recording of a data set is on this computer.
-
-    Raises:
-        ValueError: if the data set is not known.
-    """
+    """Whether any recording of a data set is on this computer. Raises ValueError if the data set is not known."""
     return bool(loader(name).names())
 
 
 def repeated(name: str) -> dict[str, str]:
     """Recordings of a data set that are of the same walk as another one on this computer: name → that one's name.
-
-    Raises:
-        DatasetUnavailable: if the computer has no recording of the set.
+    Raises DatasetUnavailable if there is no recording of the set.
     """
     there = names(name)
     return {again: once for again, once in info(name).same_walk.items() if again in there and once in there}

@@ -55,12 +55,8 @@ def level(acc: np.ndarray) -> "Rotation":
 
 def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray, acc_end: np.ndarray
               ) -> tuple[np.ndarray, float]:  # fmt: skip
-    """Displacement between two instants of rest, in the level frame of the first.
-
-    `gyr` [rad/s] and `acc` [m/s²] (n, 3) include both instants; the others are (3,) readings at rest [m/s²].
-
-    Returns:
-        (n, 3) [m] position, z up, with zero velocity at both ends; and the removed attitude drift [rad].
+    """Displacement (n, 3) [m], z up, between two instants of rest, in the level frame of the first, and the attitude
+    drift [rad] that is removed. `gyr` and `acc` include both instants; the others are readings (3,) at rest [m/s²].
     """
     from scipy.integrate import cumulative_trapezoid
     from scipy.spatial.transform import Rotation
@@ -81,10 +77,8 @@ def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray
 
 
 def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
-    """Stances of the foot, (start, end) [samples], half-open.
-
-    The foot stands where its largest angular rate over 50 ms is below `STANCE_RATE` and the standard deviation of the
-    specific force over 50 ms is below `STANCE_ACC`, for at least `STANCE_TIME`, without missing samples.
+    """Stances of the foot, (start, end) [samples], half-open: the largest rate and the spread of the force over 50 ms
+    are below `STANCE_RATE` and `STANCE_ACC` for `STANCE_TIME`, without missing samples.
     """
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
@@ -98,10 +92,8 @@ def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
 
 
 def foot_path(imu: Imu, rate_hz: float) -> FootPath:
-    """Strides of a foot from standing to standing; the gyroscope's bias is its median in the longest stance.
-
-    Raises:
-        ValueError: if the sensor has no accelerometer, or no stance or no stride is detected; the message states which.
+    """Strides of a foot from standing to standing; the gyroscope's bias is its median in the longest stance. Raises
+    ValueError, with the reason, where there is none.
     """
     if imu.acc is None:
         raise ValueError("the foot has no accelerometer")
@@ -128,10 +120,8 @@ def foot_path(imu: Imu, rate_hz: float) -> FootPath:
 
 
 def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, FootPath]:
-    """The strides of walking (side → strides), without steps on the spot before and after it.
-
-    Bouts of walking are separated by times in which both feet stand for `BOTH_STANDING` or longer. A bout whose path,
-    the mean of both feet, is shorter than `BOUT_LENGTH` is a turn or a shift of a foot on the spot.
+    """The strides of walking (side → strides), without bouts shorter than `BOUT_LENGTH` between times in which both
+    feet stand for `BOTH_STANDING`: a turn, or a shift of a foot on the spot.
     """
     both = np.logical_and.reduce([path.standing for path in feet.values()])
     pauses = [run for run in true_runs(both) if run[1] - run[0] >= BOTH_STANDING * rate_hz]
@@ -172,10 +162,8 @@ class _Stride(NamedTuple):
 def _next_stride(
     gyr: np.ndarray, imu: Imu, rate_hz: float, standing: list[tuple[int, int]], current: int
 ) -> tuple[int, _Stride | None]:
-    """The stride to the next stance with a tilt difference below `STANCE_TILT`, or the smallest of those tried.
-
-    Returns:
-        Index of the stance that ends it, and the stride; None if samples are missing or the times are implausible.
+    """The stance that ends the next stride, and this stride: the first with a tilt difference below `STANCE_TILT`, or
+    the smallest; None if samples are missing or the times are implausible.
     """
     tried: list[tuple[int, _Stride]] = []
     acc = as_float(imu.acc)

@@ -98,9 +98,8 @@ def load_one(name: str) -> Walk:
 
 
 def _trials() -> tuple[dict[str, tuple[int, int]], bool]:
-    """Trial name → (first, last + 1) frame of its walk, and whether the list has the known sha256.
-
-    Upstream counts frames from 1, both ends included. A fuller set has a longer list, so another sha256 is no error.
+    """Trial name → (first, last + 1) frame of its walk, which upstream counts from 1, and whether the list is the known
+    one; a fuller set has a longer list.
     """
     import pandas as pd
 
@@ -142,21 +141,15 @@ def _read_contact(name: str, files: Files) -> dict[str, np.ndarray]:
 
 
 def pelvis_heading(vicon: dict[str, np.ndarray]) -> np.ndarray:
-    """Heading of the pelvis (T,) [rad], unwrapped, counter-clockwise from x, low-passed at 1 Hz without delay.
-
-    The lateral axis joins the iliac spines LASI, RASI, LPSI and RPSI (T, 3) [m], front and back averaged; the forward
-    axis is at a right angle to it.
+    """Heading of the pelvis (T,) [rad], unwrapped, counter-clockwise from x, low-passed: at a right angle to the axis
+    that joins the iliac spines, front and back averaged.
     """
     to_right = vicon["RASI"] - vicon["LASI"] + vicon["RPSI"] - vicon["LPSI"]
     return low_pass_heading(np.unwrap(np.arctan2(to_right[:, 0], -to_right[:, 1])), RATE_HZ)
 
 
 def stance_strides(contact: np.ndarray, ankle: np.ndarray) -> np.ndarray:
-    """Horizontal displacement of the ankle (T, 3) [m] between the middles of successive stances.
-
-    Returns:
-        (n, 3): stance sample, next stance sample, displacement [m].
-    """
+    """(n, 3): stance sample, next stance sample, displacement [m] of the ankle (T, 3) between their middles."""
     starts, ends = np.array(true_runs(contact)).reshape(-1, 2).T
     if len(starts) < 2:
         return np.zeros((0, 3))

@@ -75,11 +75,7 @@ def table(path: Path, columns: Sequence[str], **options: Any) -> "pd.DataFrame":
 
 
 def xsens(path: Path) -> tuple[np.ndarray, float | None]:
-    """(n, 7) packet number, gyroscope [rad/s], accelerometer [m/s²] of Xsens' text; and the rate that it states [Hz].
-
-    Raises:
-        RecordingError: if it lacks a column, or has fewer than two rows.
-    """
+    """(n, 7) packet number, gyroscope [rad/s], accelerometer [m/s²] of Xsens' text; and its stated rate [Hz]."""
     (part,) = devices.FORMATS["mtw"].measured(path).parts
     if part.packets is None or part.acc is None or len(part.packets) < 2:
         raise RecordingError(f"{path.name} has no numbers of packets, or one sample; at least 2 are needed")
@@ -89,15 +85,8 @@ def xsens(path: Path) -> tuple[np.ndarray, float | None]:
 def on_counter(
     tables: Mapping[str, np.ndarray], first: int, length: int, rate_hz: float, notes: list[Note]
 ) -> dict[str, Imu]:
-    """Sensors at `length` packets from number `first` on, time from 0; missing packets are masked, and noted.
-
-    Args:
-        tables: placement → (n, 7) packet number, gyroscope [rad/s], accelerometer [m/s²]; rows that are not finite
-            count as missing.
-        first: number of the first packet.
-        length: number of packets.
-        rate_hz: [Hz] packets in a second.
-        notes: notes are added here.
+    """Sensors at `length` packets from number `first` on, time from 0; missing packets are masked, and noted. `tables`
+    have (n, 7) packet number, gyroscope [rad/s], accelerometer [m/s²]; rows that are not finite count as missing.
     """
     sensors = {}
     for placement, values in tables.items():
@@ -114,10 +103,7 @@ def on_counter(
 
 def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> tuple[Imu, float]:
     """A sensor [rad/s, m/s²] with time from 0, non-finite samples masked; and its sampling rate [Hz] from the median
-    step.
-
-    Raises:
-        RecordingError: if the shapes do not fit or time does not increase; with the name of the file.
+    step. Raises RecordingError if the shapes do not fit or time does not increase.
     """
     if time.ndim != 1 or len(time) < 2 or gyr.shape != (len(time), 3) or acc.shape != (len(time), 3):
         raise RecordingError(
@@ -133,10 +119,8 @@ def foot_imu(name: str, time: np.ndarray, gyr: np.ndarray, acc: np.ndarray) -> t
 
 
 def way(time: AnyArray, position: AnyArray, arrived: AnyArray, left: AnyArray) -> np.ndarray:
-    """Distance along footprints (T,) [m]: constant while the foot stands, linear in time between stances.
-
-    The foot comes to stand on footprint `position` (n, 2) or (n, 3) [m] when it `arrived` and leaves when it `left`,
-    (n,) [s]; height does not count.
+    """Distance along footprints (T,) [m]: constant while the foot stands on `position` (n, 2 or 3) [m], from when it
+    `arrived` until it `left` (n,) [s], linear in time between; height does not count.
     """
     if len(position) == 0:
         return np.zeros_like(time)
@@ -147,9 +131,8 @@ def way(time: AnyArray, position: AnyArray, arrived: AnyArray, left: AnyArray) -
 def footprint_strides(
     side: str, position: np.ndarray, arrived: np.ndarray, left: np.ndarray, whole: np.ndarray | None = None
 ) -> Strides:
-    """Strides from footprint to footprint, fields (n − 1,); contacts, widths and heights are not known.
-
-    Footprints as in `way`. `whole` (n − 1,) is False where a footprint between two footprints may be missing.
+    """Strides from footprint to footprint as of `way`, fields (n − 1,); contacts, widths and heights are not known.
+    `whole` (n − 1,) is False where a footprint may be missing between two.
     """
     length = np.linalg.norm(np.diff(position[:, :2], axis=0), axis=1)
     valid = (length > SHORTEST_STRIDE_M) & (True if whole is None else whole)

@@ -24,35 +24,23 @@ from jgait.notes import record
 NAMES = ("neura_sparse", "walking5m", "footprints", "pyshoe_vicon")
 """The data sets of jgait; each has a module and a JSON file of its name in this folder."""
 
-_homes = dict.fromkeys(NAMES, "jgait.datasets")
-"""Data set → the package that has its module and its JSON file."""
+_homes = dict.fromkeys(NAMES, "jgait.datasets")  # data set → the package that has its module and its JSON file
 
 DATA_DIR_VARIABLE = "JGAIT_DATA_DIR"
 
 
 @record
 class DatasetInfo(NamedTuple):
-    """Description, source and licence of a data set.
+    """Description, source and licence of a data set."""
 
-    Attributes:
-        name: short name, as in `load(name)`.
-        title: one line that states what was recorded.
-        repository: upstream repository, host/owner/name.
-        commit: upstream commit the files are taken from.
-        licence: upstream's licence, or the consequence if it has none.
-        citation: the work to cite.
-        files: upstream path → sha256, the files this version of jgait can fetch.
-        same_walk: recording → another one of the same walk, which counts for both.
-    """
-
-    name: str
-    title: str
-    repository: str
-    commit: str
-    licence: str
-    citation: str
-    files: dict[str, str]
-    same_walk: Mapping[str, str] = {}
+    name: str  #: short name, as in `load(name)`.
+    title: str  #: one line that states what was recorded.
+    repository: str  #: upstream repository, host/owner/name.
+    commit: str  #: upstream commit the files are taken from.
+    licence: str  #: upstream's licence, or the consequence if it has none.
+    citation: str  #: the work to cite.
+    files: dict[str, str]  #: upstream path → sha256, the files this version of jgait can fetch.
+    same_walk: Mapping[str, str] = {}  #: recording → another one of the same walk, which counts for both.
 
     def address(self, path: str) -> str:
         """The upstream address of one file."""
@@ -80,10 +68,8 @@ class ChecksumError(ValueError):
 
 
 def loader(name: str) -> ModuleType:
-    """The module of a data set, with `names()`, the recordings on this computer, and `load_one(name)`, a `Walk`.
-
-    Raises:
-        ValueError: if the data set is not known.
+    """The module of a data set, with `names()`, the recordings on this computer, and `load_one(name)`, a `Walk`. Raises
+    ValueError if the data set is not known.
     """
     known = info(name).name
     return importlib.import_module(f"{_homes[known]}.{known}")
@@ -139,9 +125,8 @@ def _locate(name: str, upstream_path: str) -> Path | None:
 
 
 def listing(name: str, under: str, pattern: str) -> list[str]:
-    """Sorted upstream paths of the files on this computer under a folder, whether jgait lists them or not.
-
-    The pattern is as for `Path.rglob`, for example "*.xlsx".
+    """Sorted upstream paths of the files on this computer under a folder, listed or not; the pattern as for
+    `Path.rglob`.
     """
     paths = set()
     for folder in _folders(name):

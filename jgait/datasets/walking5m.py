@@ -88,9 +88,8 @@ def _windows(feet: dict[str, FootPath], samples: int) -> dict[str, tuple[int, in
 
 
 def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:
-    """Distance as the mean of both feet; the strides of each foot; and why there is no distance.
-
-    Both feet are needed: one foot may start or stop half a stride before or after the body.
+    """Distance as the mean of both feet, of which one may start or stop before the body; the strides of each foot; and
+    why there is no distance.
     """
     feet, reasons = {}, []
     for side in SIDES:

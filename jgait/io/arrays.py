@@ -18,8 +18,7 @@ from jgait.quality import notes as writer
 from jgait.signal.windows import over_losses
 from jgait.types import PLACEMENTS, Imu, RangeReadings, Recording, RecordingError, as_float
 
-ASLEEP = 0.05
-"""[1] Largest share of samples that a gyroscope lacks, and its accelerometer has, without a note."""
+ASLEEP = 0.05  # [1] largest share of samples that a gyroscope lacks, and its accelerometer has, without a note
 
 
 def recording_from_arrays(

@@ -69,9 +69,8 @@ def check_path(path: object) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    """Write a text in UTF-8, whole or not at all, and return the path; see `replaced`.
-
-    Line ends stay as they are; bytes of a file's name that are no text become codes.
+    """Write a text in UTF-8, whole or not at all, and return the path; line ends stay, bytes of a name that are no text
+    become codes.
     """
     with replaced(path) as part:
         part.write_text(text, encoding="utf-8", errors="backslashreplace", newline="")

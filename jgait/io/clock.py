@@ -48,9 +48,7 @@ are late. Chosen: few enough for several losses a second, enough for a jitter of
 STEADY = 64  # [rows] number of rows over whose median a sensor's clock is followed where its stamps jitter
 COUNTER_TURN = 2**16  # [samples] number at which Xsens' counters begin again
 RATE_OFF = 0.05  # [1] largest relative difference of a sampling rate that is given from that of the time stamps; chosen
-
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Unit of time → s."""
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # unit of time → s
 
 
 CLOCK_BEGINS = Kind(
@@ -80,14 +78,10 @@ def make_clock(
     samples: int, time: npt.ArrayLike | None, sampling_rate_hz: float | None, time_unit: str | None, name: str,
     again: np.ndarray | None = None,
 ) -> SampleTimes:  # fmt: skip
-    """The clock of so many rows from their time stamps (samples,), a nominal rate [Hz], or both.
-
-    Missing samples are inserted where time increases by more than one and a half sample times; they have no row. A unit
-    that is not stated ('s', 'ms' or 'us') is deduced from the size of the steps, and noted. Numbers of samples are a
-    clock if the rate is given. Stamps that jitter, are coarse, or come in packets become even. `again` (samples − 1,)
-    is True before rows that repeat all readings of the row before. Raises RecordingError if there are too few samples,
-    no clock, or time stamps that are missing, decrease, are in none of these units, or contradict the sampling rate, or
-    if the rate is too low for walking.
+    """The clock of so many rows from their time stamps (samples,), or their numbers, a nominal rate [Hz], or both.
+    Missing samples are inserted, a unit that is not stated is deduced, and stamps that jitter, are coarse, or come in
+    packets become even; all is noted. `again` (samples − 1,) is True before rows that repeat all readings. Raises
+    RecordingError for stamps or rates that are no clock of walking.
     """
     if samples < FEWEST_SAMPLES:
         raise RecordingError(f"{name} has {samples} samples; at least {FEWEST_SAMPLES} are needed")
@@ -138,8 +132,8 @@ def make_clock(
 
 
 def fresh_rows(stamps: np.ndarray, again: np.ndarray | None, notes: list[Note]) -> np.ndarray:
-    """The rows of time stamps (n,) that are samples of their own: without those that repeat the time before, if they
-    are few, or copies, where `again` (n − 1,) is True. What is left out is noted.
+    """The rows of time stamps (n,) without those that repeat the time before, if they are few, or copies (`again`);
+    noted.
     """
     same = np.diff(stamps) == 0
     copies = again is not None and np.sum(same & again) >= COPIES * same.sum()
@@ -161,9 +155,7 @@ def _rate_needed(text: str) -> RecordingError:
 
 
 def check_inserted(samples: int, rows: int, name: str) -> None:
-    """Refuse a recording that would consist of inserted samples. Raises RecordingError if there are more than
-    `MOST_INSERTED` samples for each row.
-    """
+    """Refuse, by a RecordingError, a recording with more than `MOST_INSERTED` samples for each row."""
     if samples > MOST_INSERTED * max(rows, FEWEST_SAMPLES):
         raise RecordingError(
             f"{name}: {rows} rows are spread over {samples} samples; expected at most {MOST_INSERTED} for each row"
@@ -198,9 +190,8 @@ def count_samples(stamps: np.ndarray) -> bool:
 
 
 def unwrapped(counts: np.ndarray) -> np.ndarray | None:
-    """(n,) numbers of samples of a counter that begins again at `COUNTER_TURN`; None if it counts something else.
-
-    A counter of packets, each of the same number of samples, gives their numbers as well.
+    """(n,) numbers of samples, or of packets of equal size, of a counter that turns at `COUNTER_TURN`; None of other
+    columns.
     """
     numbers = np.unwrap(counts, period=COUNTER_TURN)
     begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
@@ -211,10 +202,8 @@ def unwrapped(counts: np.ndarray) -> np.ndarray | None:
 
 
 def check_order(stamps: np.ndarray, name: str) -> None:
-    """Refuse time stamps that are missing, stand still, or decrease by more than they jitter.
-
-    A clock that stepped back is told from rows in disorder, which can be sorted: sorting mixes the rows of two times.
-    Raises RecordingError with the number of the first such row.
+    """Refuse, by a RecordingError with the row, time stamps that are missing, stand still, or decrease by more than
+    they jitter; rows in disorder, which can be sorted, are told from a clock that stepped back.
     """
     lost = np.flatnonzero(~np.isfinite(stamps))
     if len(lost):
@@ -261,8 +250,8 @@ def usual_step(stamps: np.ndarray) -> float:
 
 
 def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
-    """The unit of time stamps (n,), n > 1: the stated one, or else the one that their steps suggest. Raises
-    RecordingError for an unknown unit, and for one in which no sensor samples.
+    """The unit of time stamps (n,), n > 1: stated, or as their steps suggest. Raises RecordingError if it is none of
+    sensors.
     """
     step = usual_step(stamps)
     lengths = {unit: step * scale for unit, scale in TIME_UNITS.items()}
@@ -289,10 +278,8 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
 
 
 def steadied(seconds: np.ndarray, notes: list[Note]) -> tuple[np.ndarray, np.ndarray, float]:
-    """Times (n,) [s] without jitter, which is noted, the number of sample times in each step (n-1,), and one [s].
-
-    Times that do not jitter stay as they are. Others, of a coarse timer or of packets, become even, but follow a clock
-    that drifts.
+    """Times (n,) [s] without jitter, which is noted, the number of sample times in each step (n-1,), and one [s]. Those
+    of a coarse timer or of packets become even, but follow a clock that drifts; others stay as they are.
     """
     steps = np.diff(seconds)
     middle, bursts = float(np.median(steps)), _in_bursts(steps)
@@ -328,8 +315,8 @@ def steadied(seconds: np.ndarray, notes: list[Note]) -> tuple[np.ndarray, np.nda
 
 
 def _evens_out(steps: np.ndarray, odd: np.ndarray) -> bool:
-    """Whether steps (n,) that are long or short, where `odd`, even out over some of them, as a coarse timer's do: in
-    windows, time strays from even steps by less than it does after random steps, √(π/2 n) standard deviations.
+    """Whether steps (n,) that are long or short, where `odd`, even out as a coarse timer's do: in windows, time strays
+    by less than after random steps, √(π/2 n) standard deviations.
     """
     if odd.sum() < 2 * IRREGULAR:
         return False
@@ -341,9 +328,7 @@ def _evens_out(steps: np.ndarray, odd: np.ndarray) -> bool:
 
 
 def _lost(late: np.ndarray) -> np.ndarray:
-    """(n-1,) number of samples lost before each packet but the first: those by which the packets that follow stay late,
-    `late` (n,) [samples].
-    """
+    """(n-1,) samples lost before each packet but the first: by which all that follow stay `late` (n,) [samples]."""
     beside = max(min(BESIDE, len(late) // 4), 1)
     padded = np.pad(late, beside, mode="median", stat_length=beside)
     medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, beside), axis=1)

@@ -37,8 +37,8 @@ USUAL_RATE = 100.0  # [Hz] assumed rate for the duration of a gap in packet numb
 
 
 def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:
-    """Times (T,) [s] by the index of a table or its first clock, and the seconds from 1970 to their 0, where they count
-    from there; None without. Numbers of the samples are no times.
+    """Times (T,) [s] by the index of a table or its first clock, and the seconds from 1970 to their 0, if any; None
+    without.
     """
     table = with_time(table)
     clocks = [
@@ -61,11 +61,8 @@ def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float
 
 
 def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "dict[str, Part]":
-    """Parts that count packets on the numbers that they share, of one length, NaN where a packet was lost.
-
-    Where the counter wraps, sensors may begin on either side of it: each is shifted by whole turns to be nearest to the
-    first. Parts without packets stay as they are. Notes get how many packets were lost, and which numbers occur twice.
-    Raises RecordingError if packet numbers run backwards or repeat often, some parts have none, or a gap is too long.
+    """Parts that count packets on the numbers that they share, of one length, NaN where a packet was lost; of a counter
+    that wraps, the turn nearest to the first. Raises RecordingError for numbers that cannot be joined.
     """
     if all(part.packets is None for part in placed.values()):
         return placed
@@ -130,10 +127,8 @@ def one_clock(
     placed: "Mapping[str, Part]", sensors: dict[str, dict[str, np.ndarray]], rate_hz: float | None, name: str,
     notes: list[Note],
 ) -> tuple[np.ndarray | None, float | None]:  # fmt: skip
-    """Time (T,) [s] and rate [Hz] that all sensors share, at least one of them; notes are added.
-
-    Signals (T, 3) on clocks of their own are interpolated, in place, to the first of the fastest clocks. Raises
-    RecordingError if there is neither, time does not increase, or clocks or lengths cannot be joined.
+    """Time (T,) [s] and rate [Hz] of all sensors, at least one of them. Signals (T, 3) on clocks of their own are
+    interpolated, in place, to the first of the fastest ones. Raises RecordingError if they cannot be joined.
     """
     parts = list(placed.values())
     first = parts[0]

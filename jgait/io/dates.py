@@ -19,11 +19,9 @@ def date_of(since_1970: float) -> str:
 
 
 def dated(column: "pd.Series") -> tuple[np.ndarray, float | None] | None:
-    """Times (T,) [s] of dates, times of day or durations, or of texts of these, NaN where empty, and the first date.
-
-    Dates count from the first one, which is stated in seconds from 1970, None for times of day and durations. Times of
-    day pass midnight. Where day and month could change places, the dates that are closer together are taken. None for a
-    column of anything else.
+    """Times (T,) [s] of dates, times of day or durations, or of texts of these, NaN where empty, and the first date [s
+    since 1970], None without. Times of day pass midnight; day and month are those whose dates are closer together. None
+    for a column of anything else.
     """
     import pandas as pd
 

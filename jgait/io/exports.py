@@ -18,19 +18,15 @@ FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, DOUBTFUL)
 
 @record
 class MobgapTables(NamedTuple):
-    """Tables of a recording with the names and units of mobgap's pipelines; times in samples.
+    """Tables of a recording with the names and units of mobgap's pipelines; times in samples."""
 
-    Attributes:
-        ic_list: initial contacts, index `step_id`: `ic`, `lr_label` ("left", "right").
-        per_stride_parameters: strides from contact to contact, index `wb_id`, `s_id`: `start`, `end`, `lr_label`,
-            `stride_duration_s`, `cadence_spm` [steps/min], `stride_length_m`, `walking_speed_mps` (NaN where a length
-            is not above 0), and `regular`, False for half-steps, turns, stairs, uneven and doubtful strides.
-        per_wb_parameters: walking bouts, index `wb_id`: `start`, `end`, `n_strides`, `duration_s`,
-            `n_raw_initial_contacts`, and the means of the parameters of the regular strides.
-    """
-
-    ic_list: "pd.DataFrame"
+    ic_list: "pd.DataFrame"  #: initial contacts, index `step_id`: `ic`, `lr_label` ("left", "right").
+    #: strides from contact to contact, index `wb_id`, `s_id`: `start`, `end`, `lr_label`, `stride_duration_s`,
+    #: `cadence_spm` [steps/min], `stride_length_m`, `walking_speed_mps` (NaN where a length is not above 0), and
+    #: `regular`, False for half-steps, turns, stairs, uneven and doubtful strides.
     per_stride_parameters: "pd.DataFrame"
+    #: walking bouts, index `wb_id`: `start`, `end`, `n_strides`, `duration_s`, `n_raw_initial_contacts`, and the
+    #: means of the parameters of the regular strides.
     per_wb_parameters: "pd.DataFrame"
 
 

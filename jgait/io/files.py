@@ -43,9 +43,8 @@ BRANDS = {
 
 @contextlib.contextmanager
 def reading(path: Path, expected: str) -> Iterator[None]:
-    """Errors of a library in the block become a `RecordingError` with file, expected content and reason. Raises
-    RecordingError for any error but those of a file that does not exist or may not be read, and of a library that is
-    not installed.
+    """Errors of a library in the block become a `RecordingError` with file, expected content and reason, but not those
+    of a file that is not there or may not be read, nor a library that is not installed.
     """
     try:
         yield
@@ -66,9 +65,7 @@ def numbered(names: Sequence[str], notes: list[Note]) -> list[str]:
 
 
 def check_columns(names: Sequence[str], name: str) -> None:
-    """Refuse a table with more columns, or with longer names of columns, than any recording has. Raises RecordingError
-    with the number or the length.
-    """
+    """Refuse, by a RecordingError, a table with more columns, or longer names of columns, than any recording has."""
     if len(names) > MOST_COLUMNS:
         raise RecordingError(f"{name} has {len(names)} columns; expected at most {MOST_COLUMNS}")
     longest = max(map(len, names), default=0)
@@ -77,8 +74,8 @@ def check_columns(names: Sequence[str], name: str) -> None:
 
 
 def check_size(declared: int, path: Path) -> None:
-    """Refuse content of more bytes than `MOST_BYTES`, or than a file of this size holds, as the file declares it,
-    before a library makes room for it. Raises RecordingError with both numbers.
+    """Refuse, by a RecordingError, content of more bytes than `MOST_BYTES`, or than a file of this size holds, as it
+    declares.
     """
     most = min(MOST_BYTES, max(SMALL_BYTES, MOST_PACKED * path.stat().st_size))
     if declared > most:
@@ -86,9 +83,7 @@ def check_size(declared: int, path: Path) -> None:
 
 
 def check_regular(path: Path, expected: str) -> None:
-    """Refuse a path at which there is nothing, by a FileNotFoundError, and, by a RecordingError with the `expected`, a
-    device or a pipe, which a reader might wait for.
-    """
+    """Refuse a path at which there is nothing (FileNotFoundError), or a device or a pipe (RecordingError)."""
     if not path.exists():
         raise FileNotFoundError(f"there is no such file: {path}")
     if not path.is_file() and not path.is_dir():
@@ -96,11 +91,8 @@ def check_regular(path: Path, expected: str) -> None:
 
 
 def check_file(path: Path, expected: str) -> None:
-    """Refuse a path that is no regular file, a file without permission to read, and an empty file.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the path is a folder or a device, or the file is empty or too large; with the `expected`.
+    """Refuse a path at which there is nothing, or what may not be read (OSError), and what is no file, empty or too
+    large, by a RecordingError with the `expected`.
     """
     check_regular(path, expected)
     if path.is_dir():
@@ -123,7 +115,7 @@ def check_brand(path: Path) -> None:
 
 def cells_in_lines(path: Path, separator: str) -> np.ndarray:
     """(lines,) number of cells in each line of a text, 0 in an empty line; a separator in quotes separates none. Raises
-    RecordingError if the file has a byte 0, or a line of more than `LONGEST_LINE` bytes.
+    RecordingError for a byte 0, or a line of more than `LONGEST_LINE` bytes.
     """
     every, cells, length, quotes = [], 0, 0, 0
     with path.open("rb") as stream:
@@ -153,11 +145,7 @@ def line_breaks(path: Path) -> int:
 
 
 def library(name: str, expected: str, extra: str = "io") -> ModuleType:
-    """A library of an extra of jgait.
-
-    Raises:
-        ImportError: if the library is not installed; the message states how to install it.
-    """
+    """A library of an extra of jgait. Raises ImportError, with how to install it, if it is not there."""
     try:
         return importlib.import_module(name)
     except ImportError as missing:
@@ -167,9 +155,7 @@ def library(name: str, expected: str, extra: str = "io") -> ModuleType:
 
 
 def read_parquet(path: Path) -> "pd.DataFrame":
-    """A Parquet file, whose numbers may take little room there and much in memory. Raises RecordingError if it is none,
-    or declares too many columns or bytes.
-    """
+    """A Parquet file. Raises RecordingError if it is none, or declares too many columns or bytes."""
     parquet = library("pyarrow.parquet", "Parquet files")
     with reading(path, "a Parquet file"), parquet.ParquetFile(path) as file:
         about = file.metadata
@@ -223,9 +209,7 @@ def positive(*candidates: ArrayLike | None) -> float | None:
 
 
 def three_columns(values: ArrayLike, what: str, rows: int | None = None) -> np.ndarray:
-    """(T, 3) finite-or-NaN numbers of a file, with a required number of rows; messages name file and signal. Raises
-    RecordingError for anything else.
-    """
+    """(T, 3) numbers or NaN of a file, with a required number of rows. Raises RecordingError for anything else."""
     try:
         columns = np.asarray(values, np.float64)
     except (TypeError, ValueError) as error:

@@ -30,8 +30,7 @@ SHORT = {f"{word}{axis}": f"{kind}_{axis}"
 """Short name of a column, in lower case → its channel; gF is an acceleration in g, a bare g only beside a is a rate."""
 
 NOT_RAW = ("free", "linear", "user", "filtered")  # words for processed signals, as acceleration without gravity
-CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")
-"""The columns of one sensor."""
+CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz")  # the columns of one sensor
 
 COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in PLACEMENTS for channel in CHANNELS)})
 """The columns that jgait reads."""
@@ -39,17 +38,10 @@ COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in P
 NUMBERED = re.compile(r"(?P<signal>.*?[^\W\d_])[ _.-]*(?P<number>\d+)(?:\s*[(\[{].*|_[^\d_].*)?")
 """Pattern of a signal with the number of its axis, and perhaps its unit."""
 
-NOT_USED = "none"
-"""What a user states instead of a placement for a sensor that is to be left out."""
-
-LONG_UNITS = {"min": 60.0, "h": 3600.0}
-"""Unit of time that only the name of a column states → s."""
-
-ALMOST = 0.8
-"""[1] Least share of equal characters of a name that is taken for another one misspelt."""
-
-COUNTER = "packetcounter"
-"""Name of a column that counts the samples, in lower case."""
+NOT_USED = "none"  # what a user states instead of a placement for a sensor that is to be left out
+LONG_UNITS = {"min": 60.0, "h": 3600.0}  # unit of time that only the name of a column states → s
+ALMOST = 0.8  # [1] least share of equal characters of a name that is taken for another one misspelt
+COUNTER = "packetcounter"  # name of a column that counts the samples, in lower case
 
 WORDS = {
     "head": "head", "sternum": "sternum", "chest": "sternum", "lowerback": "lower_back", "lumbar": "lower_back",
@@ -73,8 +65,7 @@ SIDE_WORDS = {
 }
 """Side → words of a name that state it."""
 
-SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words}
-"""Word → the side that it states."""
+SIDE_OF = {word: side for side, words in SIDE_WORDS.items() for word in words}  # word → the side that it states
 
 PLACE = re.compile(
     r"\d*(?P<before>{sides})?(?P<word>{words})s?(?P<after>{sides})?(?:imu|sensor)?\d*".format(
@@ -154,9 +145,8 @@ def _signal(words: list[str]) -> tuple[str, list[str] | None] | None:
 
 
 def column_of(name: str) -> str | None:
-    """The name of a column in jgait, or None where the lab's name, such as "Gyro Thigh R X [deg/s]", is not recognised.
-
-    `time`, or <placement>_<gyr or acc>_<x, y or z>, or for a single sensor <gyr or acc>_<x, y or z>.
+    """`time`, <placement>_<gyr or acc>_<x, y or z>, or without a placement, of a lab's name such as "Gyro Thigh R X
+    [deg/s]"; None where it is not recognised.
     """
     words = _words(name)
     if TIMES.fullmatch("".join(words)):
@@ -190,7 +180,6 @@ def states(name: str, kind: str) -> bool:
 
 def lettered(names: Sequence[str]) -> list[str]:
     """Names of columns with x, y and z for axes that are only numbered, from 0 or from 1: "acc_1 [g]" is "acc_x [g]".
-
     More or fewer numbers of one signal are no axes.
     """
     numbered: dict[str, dict[int, int]] = {}
@@ -258,13 +247,8 @@ def recognised(given: list[str], renamed: list[str], placement: str | None) -> d
 
 
 def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[str], name: str) -> RecordingError:
-    """The error about columns that are lacking, or about a table in which no column is that of a sensor.
-
-    Args:
-        lacking: names of columns that are expected; empty if no sensor is recognised.
-        position: recognised name → number of the column.
-        given: names of all columns.
-        name: of the table.
+    """The error about columns that lack, or, where none does, about a table in which no column is that of a sensor;
+    `position` is the number of each recognised column.
     """
     if sum(map(is_number, given)) > len(given) / 2:
         return RecordingError(f"{name} has no header: it begins with {_few(given)}; write names of its columns above")

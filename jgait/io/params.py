@@ -19,8 +19,7 @@ from jgait.types import RecordingError
 
 FORMAT = 1
 
-PRESETS = Path(__file__).parent / "presets"
-"""Folder of the parameters that come with jgait."""
+PRESETS = Path(__file__).parent / "presets"  # Folder of the parameters that come with jgait
 
 
 def users_presets() -> Path:

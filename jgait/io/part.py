@@ -54,10 +54,8 @@ class Measured(NamedTuple):
 
 
 def joined(every: Sequence[Measured], name: str | None = None) -> Measured:
-    """Files of one walk as one, each note once; sensors that are called the same are called by their files.
-
-    Times of files with dates count from where the last file begins. Raises RecordingError if some files have dates and
-    others numbers, or dates have nothing in common.
+    """Files of one walk as one, each note once; sensors that are called the same are called by their files. Raises
+    RecordingError if some files have dates and others numbers, or dates have nothing in common.
     """
     notes = tuple(dict.fromkeys(note for measured in every for note in measured.notes))
     labels = [part.label for measured in every for part in measured.parts]

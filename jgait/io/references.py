@@ -29,8 +29,7 @@ from jgait.types import (
 if TYPE_CHECKING:
     import pandas as pd
 
-STRIDE_NEEDS = ("side", "start_s", "end_s", "stride_length_m")
-"""Columns that a table of strides must have."""
+STRIDE_NEEDS = ("side", "start_s", "end_s", "stride_length_m")  # columns that a table of strides must have
 
 STRIDE_NAMES = (
     "s_id", "side", "valid", *(f"{name}_s" for name in TIMES), *STRIDE_COLUMNS,

@@ -302,13 +302,8 @@ def _angles_sound(estimate: Estimate, table: "pd.DataFrame") -> np.ndarray:
 
 def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:
     """Smallest and largest flexion of hip and knee [°] in each stride, of its own leg, and the range between them; NaN
-    where a sample lacks. Each has its standard deviation if the estimate states that of the angles.
-
-    The deviation of the smallest or largest is that of its sample: it is mostly of the standing pose, and so the same
-    in all strides. That of a range takes the errors of both samples as not correlated. The part of the standing pose
-    cancels in a range, so that the deviation is too large by it. Without this part it would be too small on the
-    recording with motion capture, where soft tissue moves more than the estimate states, and makes ranges of the knee
-    too large in every stride.
+    where a sample lacks. Deviations are those of the samples, mostly of the standing pose; that of a range takes them
+    as not correlated, which makes up for soft tissue that moves more than the estimate states.
     """
     extremes: dict[str, np.ndarray] = {}
     time = as_float(estimate.time)
@@ -340,11 +335,8 @@ def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.nd
 
 
 def leg_cycles(estimate: Estimate) -> "pd.DataFrame":
-    """The cycles of leg angles, from the largest knee flexion of a swing to the largest of the next swing.
-
-    Columns as of `strides_to_dataframe`, as far as known, and the extremes of each joint [°]. The length of a cycle
-    is the gain of the distance in its time. The knee flexion of a cycle is that of the swing at its start, so that each
-    swing counts once; the last swing of a leg has no cycle.
+    """The cycles of leg angles, from the largest knee flexion of a swing, which is that of the cycle, to that of the
+    next swing: columns of `strides_to_dataframe`, as far as known, and the extremes of each joint [°].
     """
     import pandas as pd
 

@@ -35,22 +35,8 @@ def settle(
     subject: str | None = None,
 ) -> Recording:
     """A recording in SI units, on one clock, with every placement and unit given, stated or deduced from the signals.
-
-    Args:
-        measured: what the reader found.
-        placements: the file's name of a sensor → where it sat; sensors that are not named here are placed by their
-            names, and left out, with a note, where at least one other could be placed.
-        gyr_unit: overrules the file, as does acc_unit.
-        acc_unit: likewise.
-        range_unit: unit of the range between the feet; None: deduced.
-        sampling_rate_hz: [Hz] for files that do not state it.
-        usual: "gyr", "acc" → unit where the file states none, as in tables of jgait's own columns; None: deduced.
-        name: name of the recording in tables and figures; None: as `measured`.
-        subject: name of the person; None: as `measured`, or the name of the recording.
-
-    Raises:
-        RecordingError: if no sensor can be placed, two have one place, a unit cannot be told, clocks do not overlap,
-            or the signals make no usable recording.
+    `placements` are by the file's names of sensors; those not named are placed by their names, or left out, and noted.
+    `usual` are units where the file states none. Raises RecordingError for what cannot be told or joined.
     """
     called = measured.name if name is None else name
     notes = list(measured.notes)
@@ -143,9 +129,7 @@ def _units(
 
 
 def _by_size(kind: str, values: Mapping[str, np.ndarray], name: str, notes: list[Note]) -> dict[str, str]:
-    """Sensor → unit of its sizes (T,), as those of the sensor with the largest decide: one system writes one unit.
-    Raises RecordingError if they are those of none of the units, or of several.
-    """
+    """Sensor → unit of its sizes (T,), as those of the sensor with the largest decide: one system writes one unit."""
     signal, what, share, limits, hint = BY_SIZE[kind]
     sizes = {where: float(np.nanpercentile(signals, share)) for where, signals in values.items()}
     if not sizes:

@@ -24,8 +24,7 @@ strides: it hides no variability."""
 USABLE = {"stride_width": "width_valid", "step_length": "width_valid", **dict.fromkeys(OF_POSE, "angles_valid")}
 """Measure → the column that is False in strides in which it is not usable."""
 
-FEWEST_STEADY_STRIDES = 3
-"""[1] Steady strides of a side of which a standard deviation is stated."""
+FEWEST_STEADY_STRIDES = 3  # [1] steady strides of a side of which a standard deviation is stated
 
 HIDDEN = 2.0
 """[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen so that lengths

@@ -13,8 +13,7 @@ from jgait.types import RecordingError
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0, "mdeg/s": np.pi / 180e3, "mrad/s": 1e-3}
 """Unit of an angular rate → rad/s."""
 
-ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
-"""Unit of a specific force → m/s²."""
+ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # unit of a specific force → m/s²
 
 SPELT = {
     "deg/s": ("°/s", "o/s", "°s-1", "d/s", "dps", "degps", "degs", "degs-1", "grad/s"),

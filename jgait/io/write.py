@@ -17,8 +17,7 @@ from jgait.types import SIDES, Estimate, RangeReadings, Recording
 if TYPE_CHECKING:
     import pandas as pd
 
-PARQUET = (".parquet", ".pq")
-"""Endings of Parquet files."""
+PARQUET = (".parquet", ".pq")  # endings of Parquet files
 
 FORMULA = re.compile(r"'*[=+\-@\t\r]")
 """Pattern of the begin of a text that a spreadsheet computes, perhaps behind apostrophes."""

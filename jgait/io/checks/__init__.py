@@ -68,12 +68,8 @@ def _loss_notes(placement: str, present: np.ndarray, imu: Imu, rate_hz: float) -
 def contradictions(
     recording: Recording, units: Mapping[str, Unit] | None = None, whole: Recording | None = None
 ) -> Contradictions:
-    """Sensors that contradict themselves or each other: scale, sign, axes, delays, rows without stamps.
-
-    Args:
-        recording: the recording, its sensors of one length, without movements that are no walking.
-        units: placement → unit in which its gyroscope was read, for messages.
-        whole: the recording with all movements, in which a gyroscope in a wrong unit shows; None: the same.
+    """Sensors of one length that contradict themselves or each other in walking: scale, sign, axes, delays, rows
+    without stamps. `units` are those of the gyroscopes, for messages; `whole` has movements that are no walking, too.
     """
     rate_hz = recording.sampling_rate_hz
     if rate_hz < limits.SLOWEST_HZ or len({len(imu.time) for imu in recording.sensors.values()}) != 1:

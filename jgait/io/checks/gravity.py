@@ -40,9 +40,7 @@ class _Means(NamedTuple):
 
 
 def slow_gyroscope(placement: str, imu: Imu, rate_hz: float, unit: Unit | None) -> Note | None:
-    """The note about a gyroscope of a leg that hardly turns while its accelerometer is shaken as in walking; or None.
-    If a header states its unit, the note names it.
-    """
+    """The note about a gyroscope of a leg that hardly turns while its accelerometer is shaken as in walking."""
     segment, mask = placement.partition("_")[0], np.asarray(imu.mask)
     legs = segment in at.TILTED_DEG and segment not in at.TRUNK and imu.acc is not None
     if not legs or len(imu.time) < 2.0 * at.WINDOW_S * rate_hz or not mask.any():
@@ -59,8 +57,8 @@ def slow_gyroscope(placement: str, imu: Imu, rate_hz: float, unit: Unit | None) 
 
 
 def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float) -> list[Note]:
-    """Notes about a sensor of legs or trunk whose gyroscope and accelerometer contradict each other; short gaps of its
-    gyroscope are bridged, `lost` (T,) are the samples in long ones.
+    """Notes about a sensor of legs or trunk whose gyroscope and accelerometer contradict each other; `lost` (T,) are
+    samples in long gaps.
     """
     segment, length = placement.partition("_")[0], min(len(imu.time), int(at.LONGEST_S * rate_hz))
     if segment not in at.TILTED_DEG or imu.acc is None or length < at.WINDOW_S * rate_hz:
@@ -138,10 +136,8 @@ def _size(placement: str, means: _Means, low: float, high: float, fastest: float
 
 
 def smallest_tilt(means: _Means, moving: float) -> float | None:
-    """Smallest angle between the mean forces of a standing and of the walking beside it [deg]; None without both.
-
-    A person who comes to rest still turns slowly, so that the longest standing has the bias. `moving` [rad/s] is the
-    least rms rate of walking. Walking before a standing is turned backwards in time.
+    """Smallest angle between the mean forces of a standing, of which the longest has the bias, and of the walking
+    beside it, of a rms rate of `moving` [rad/s] or more [deg]; None without both.
     """
     gyr, acc, lost, step = means
     size = window_size(at.STANDING_S, 1.0 / step)

@@ -12,17 +12,10 @@ WINDOW_S, LONGEST_S, SHORTEST_S = 2.24, 60.0, 5.0
 """[s] Length of a window, two strides of usual walking; part of a recording that is compared; shortest recording in
 which delays and paces are."""
 
-LONG_GAP_S = 0.1
-"""[s] Shortest gap whose samples do not count; shorter ones are bridged."""
-
-SLOWEST_HZ = 10.0
-"""[Hz] Least sampling rate at which sensors are compared: a stride has ten samples."""
-
-ACTIVE = 0.5
-"""[1] Share of the fastest window's mean square rate above which a window is walking."""
-
-TRUNK = ("pelvis", "lower", "waist")
-"""First words of the placements of the trunk, which turns little."""
+LONG_GAP_S = 0.1  # [s] shortest gap whose samples do not count; shorter ones are bridged
+SLOWEST_HZ = 10.0  # [Hz] least sampling rate at which sensors are compared: a stride has ten samples
+ACTIVE = 0.5  # [1] share of the fastest window's mean square rate above which a window is walking
+TRUNK = ("pelvis", "lower", "waist")  # first words of the placements of the trunk, which turns little
 
 # --- range, stuck and clipped readings ---
 
@@ -139,8 +132,7 @@ SHAKEN_FAR, SPARED, SPARED_FAST, SHORT_STRIDE_S = 1.45, 0.58, 0.8, 0.65
 CHANGE_S, CALM_S, FARTHEST_S = 0.02, 0.12, 0.35
 """[s] Time over which the change of a signal is taken; of the moving mean that is taken off a force; largest delay."""
 
-LEAST_ALIKE, WALKING = 0.3, 0.5
-"""[1] Least correlation; share of the mean shaking in walking."""
+LEAST_ALIKE, WALKING = 0.3, 0.5  # [1] least correlation; share of the mean shaking in walking
 
 CLEARER, CLEARER_FOOT = 0.05, 0.1
 """[1] Gain of the correlation by a delay in a foot, or between two sensors, and between shank and foot: a foot that
@@ -154,8 +146,7 @@ IN_SENSOR_S = {"foot": (-0.035, 0.032), "ankle": (-0.05, 0.027), "shank": (-0.05
 BETWEEN_S = {("thigh", "shank"): 0.07, ("shank", "ankle"): 0.06, ("shank", "foot"): 0.13}
 """[s] Delay between two sensors of a leg (0.05)."""
 
-DRIFTED_S = 12.0
-"""[s] Shortest walk whose last third is compared alone: a clock that is fast is late there."""
+DRIFTED_S = 12.0  # [s] shortest walk whose last third is compared alone: a clock that is fast is late there
 
 SENSORS_OF_JUMP, SURE_JUMP, BESIDE_JUMP = 4, 0.8, 3
 """[1] Sensors that jump at one place; mean logarithm of their changes over others up to so many samples beside
@@ -179,8 +170,7 @@ nothing counts; [1] largest share of lost samples."""
 
 # --- sides and places ---
 
-LIES = 0.05, 0.3
-"""[rad/s], [m/s²] Spread over a window of a sensor that lies still."""
+LIES = 0.05, 0.3  # [rad/s], [m/s²] spread over a window of a sensor that lies still
 
 SIDES_APART, LEAST_MOVING, OUT_OF_STEP = 1.6, 0.2, 0.1
 """[1] Ratio of the rms rates of both legs (1.36), of which one has at least [rad/s]; [1] distance of one foot from half

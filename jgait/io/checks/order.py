@@ -71,9 +71,7 @@ def _jump(change: np.ndarray) -> np.ndarray:
 
 
 def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
-    """(n,) bool, steps over which a row is repeated; none unless they are frequent and the next step is not longer, as
-    after a reading that was held where one is lost.
-    """
+    """(n,) bool, steps over which a row is repeated; none unless they are frequent and the next step is not longer."""
     same = whole & np.all([~change.any(axis=1) for change in changes], axis=0)
     same &= ~(_shifted(same, 1) | _shifted(same, -1))  # a longer stretch is a sensor at its limit, or one that stopped
     rows = np.flatnonzero(same)
@@ -91,9 +89,8 @@ def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:
 
 
 def _double_steps(changes: list[np.ndarray], whole: np.ndarray, rate_hz: float) -> np.ndarray:
-    """(n,) bool, steps over which a row is missing; none unless they are frequent, and some are double in each sensor.
-
-    The expected change is interpolated, by a cubic, from two steps on either side.
+    """(n,) bool, steps that are double of what a cubic through their neighbours gives; none unless frequent and in each
+    sensor.
     """
     many, none = len(changes) >= 3, np.zeros(len(whole), bool)
     if rate_hz < 0.5 * at.FAST_HZ[many]:
@@ -128,9 +125,8 @@ def shaking(force: np.ndarray, samples: int) -> np.ndarray:
 def delay_between(
     first: np.ndarray, second: np.ndarray, rate_hz: float, usual: tuple[float, float] | None = None, gain: float = 0.0
 ) -> tuple[float, float]:
-    """Delay [s] of the second signal behind the first, both (n,), where they are most alike; and their correlation.
-
-    With a range of usual delays [s], one outside of it counts only if its correlation is larger by `gain`.
+    """Delay [s] of the second signal behind the first, both (n,), where they are most alike; and their correlation. One
+    outside of the usual delays [s] counts only if its correlation is larger by `gain`.
     """
     farthest = int(at.FARTHEST_S * rate_hz)
     a, b = first - first.mean(), second - second.mean()
@@ -167,8 +163,8 @@ def accelerometer_late(placement: str, imu: Imu, rate_hz: float) -> tuple[Sensor
 
 
 def late_behind(upper: str, lower: str, sensors: Mapping[str, Imu], rate_hz: float) -> float:
-    """The delay [s] of the lower one of two sensors of a leg behind the upper one: in all, or in the last third of the
-    walk, as where a clock is fast; 0 if it is usual.
+    """The delay [s] of the lower one of two sensors of a leg, in all or in the last third of the walk; 0 if it is
+    usual.
     """
     longest, samples = int(at.LONGEST_S * rate_hz), max(round(at.CALM_S * rate_hz), 3)
     first, second = (shaking(as_float(sensors[name].acc)[:longest], samples) for name in (upper, lower))

@@ -34,10 +34,8 @@ class LegPace(NamedTuple):
 
 
 def paces_of(sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz: float) -> dict[str, LegPace]:
-    """Placement → pace of the sensors of the legs that agree about the duration of a stride.
-
-    It is the median of pieces of a recording: of walking and running, two strides of one can look like one of the
-    other. `lost` holds the samples (T,) in long gaps.
+    """Placement → pace of the sensors of the legs that agree about the duration of a stride; the median of pieces, for
+    two strides of walking can look like one of running. `lost` holds the samples (T,) in long gaps.
     """
     size, paces = int(at.PIECE_S * rate_hz), {}
     for placement, imu in sensors.items():

@@ -10,8 +10,7 @@ from jgait.notes import CLIPPING, LOSSES, NO_RANGE, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, RangeReadings, as_float
 
-MASKED = Kind("samples_masked", "check", "", LOSSES)
-"""Readings that the sensor cannot have measured."""
+MASKED = Kind("samples_masked", "check", "", LOSSES)  # readings that the sensor cannot have measured
 WRAPPED = Kind(
     "channel_wrapped", "check",
     "{channel} jumps {times} {times:time|times} from one end of its range ({value:.4g} {unit}) to the other",
@@ -36,8 +35,7 @@ CHANNEL_CLIPPED = Kind(
     "channel_clipped", "check",
     "{placement}: {channel} is clipped at ±{value:.4g} {unit} in {samples} {samples:sample|samples}", CLIPPING,
 )  # fmt: skip
-RANGE_LOST = Kind("range_lost", "check", "", NO_RANGE)
-"""A range between the feet that was not measured."""
+RANGE_LOST = Kind("range_lost", "check", "", NO_RANGE)  # a range between the feet that was not measured
 SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
 
 
@@ -45,15 +43,9 @@ def without_damage(
     placement: str, signals: dict[str, np.ndarray], scales: dict[str, float], rate_hz: float,
     twice: np.ndarray | None = None,
 ) -> tuple[dict[str, np.ndarray], tuple[Note, ...]]:  # fmt: skip
-    """One sensor's signals, NaN where samples cannot have been measured, and the notes about it.
-
-    Args:
-        placement: placement of the sensor.
-        signals: "gyr" (T, 3) [rad/s], perhaps "acc" (T, 3) [m/s²]; NaN where samples are missing.
-        scales: "gyr", "acc" → SI units per unit of the file.
-        rate_hz: rate of the rows [Hz].
-        twice: (T − 1,) bool, True before a row that repeats the one before in all sensors: rows may be written twice
-            there; None if the sensor is the only one.
+    """One sensor's signals, "gyr" and perhaps "acc" (T, 3) in SI, NaN where samples cannot have been measured, and the
+    notes about it. `scales` are SI units per unit of the file; `twice` (T − 1,) is True before a row that repeats the
+    one before in all sensors, None if the sensor is the only one.
     """
     signals = {kind: values.copy() for kind, values in signals.items()}
     wrapped, repeated = list[Note](), dict[str, list[str]]()
@@ -101,8 +93,8 @@ def _impossible(signals: dict[str, np.ndarray], rate: float) -> list[str]:
 
 
 def placeholders_in(values: np.ndarray) -> tuple[float, ...]:
-    """Numbers in values (T, 3), in the file's unit, that may stand for missing ones: those that programs use, and one
-    that is repeated and far larger than all others.
+    """Numbers in values (T, 3), in the file's unit, that may stand for missing ones: programs' own, and a repeated huge
+    one.
     """
     sizes, first, counts = np.unique(np.abs(values[np.isfinite(values)]), return_index=True, return_counts=True)
     if not len(sizes) or sizes[-1] < 998.0:
@@ -191,7 +183,7 @@ def _long_runs(same: np.ndarray, rate: float) -> list[tuple[int, int]]:
 
 def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, rate: float) -> list[tuple[int, int]]:
     """First and last samples of stretches in which a sensor repeats its reading although it turns, and then jumps; or
-    repeats it to the end of the recording.
+    to the end.
     """
     steps = np.abs(np.diff(values, axis=0))
     same = ~steps.any(axis=1)
@@ -217,9 +209,7 @@ def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, rate: float) -> list[
 
 
 def _axis_stuck(kind: str, values: np.ndarray, axis: int, rate: float) -> list[tuple[int, int]]:
-    """First and last samples of stretches in which one axis repeats its reading while the other axes change as they do
-    in the whole recording, for longer than its repeats elsewhere explain by chance.
-    """
+    """First and last samples of stretches in which one axis, not by chance, repeats its reading while others change."""
     steps = np.abs(np.diff(values, axis=0))
     column, same, change = values[:, axis], steps[:, axis] == 0.0, np.delete(steps, axis, axis=1).sum(axis=1)
     if not (runs := _long_runs(same, rate)):
@@ -242,9 +232,8 @@ def _axis_stuck(kind: str, values: np.ndarray, axis: int, rate: float) -> list[t
 def _repeats(
     kind: str, values: np.ndarray, gyr: np.ndarray, held: np.ndarray, rate: float
 ) -> tuple[np.ndarray, float] | None:
-    """Rows that repeat the one before, and their share, if they are so many that the sensor is slower than its file.
-
-    `held` (T − 1,) is True where the whole sensor, but not all of them, repeats its reading.
+    """Rows that repeat the one before, and their share, if they are many; `held` (T − 1,) is True where the whole
+    sensor does.
     """
     same = ~np.diff(values, axis=0).any(axis=1)
     turns = np.linalg.norm(gyr[1:], axis=1) > at.TURNING if kind == "acc" else np.ones(len(same), bool)
@@ -301,9 +290,7 @@ def _clipped(values: np.ndarray, mask: np.ndarray, limit: float, step: float) ->
 
 
 def without_repeats(read: RangeReadings, imus: Mapping[str, Imu]) -> tuple[RangeReadings, tuple[Note, ...]]:
-    """A range between the feet, on the clock of the sensors, with repeated readings masked, and the note about them;
-    without a sensor at a foot, nothing is masked.
-    """
+    """A range between the feet with repeated readings masked while a foot's sensor moves, and the note about them."""
     feet = [imus[f"foot_{side}"] for side in SIDES if f"foot_{side}" in imus]
     rows = np.flatnonzero(read.mask)
     if not feet or not rows.size:

@@ -16,10 +16,7 @@ from jgait.types import Imu, as_float
 
 
 def lies(imu: Imu, rate_hz: float) -> np.ndarray:
-    """(T,) bool, windows in which a sensor with an accelerometer does not move: it is not worn, or its person stands.
-
-    It is not compared with one that moves then.
-    """
+    """(T,) bool, windows in which a sensor with an accelerometer does not move: nobody wears it, or a person stands."""
     size = window_size(at.WINDOW_S, rate_hz)
     spread = [held_spread(as_float(part), size) < most for part, most in zip((imu.gyr, imu.acc), at.LIES, strict=True)]
     return window_sum((spread[0] & spread[1]).astype(float), size) > 0.5
@@ -44,9 +41,7 @@ def sides_differ(right: str, left: str, sensors: Mapping[str, Imu], rate_hz: flo
 def out_of_step(
     right: str, left: str, sensors: Mapping[str, Imu], stride: int, longest: int
 ) -> dict[str, SensorQuality]:
-    """The left foot if the feet are not half a stride [samples] apart; what lasts longer than a stride, as pauses do,
-    does not count.
-    """
+    """The left foot if the feet are not half a stride [samples] apart; pauses do not count."""
     sizes = [np.linalg.norm(as_float(sensors[name].gyr)[:longest], axis=1) for name in (right, left)]
     moves = [size - np.convolve(size, np.ones(stride) / stride, "same") for size in sizes]
     a, b = (np.fft.rfft(move, 1 << int(2 * len(move)).bit_length()) for move in moves)
@@ -60,12 +55,9 @@ def out_of_step(
 def turn_notes(
     sensors: Mapping[str, Imu], lost: Mapping[str, np.ndarray], rate_hz: float, accused: Collection[str]
 ) -> list[tuple[tuple[str, ...], Note]]:
-    """Notes about sensors that turn otherwise than the person does, which is the median of all, each with the sensors
-    that it names; a straight walk shows nothing.
-
-    Over a window of two strides the swing of the legs has no mean, and the mean specific force points up: the mean rate
-    about it is the person's, whatever the mounting. `lost` are the samples (T,) in long gaps; of two sensors without a
-    third, the one that is `accused`, for it contradicts itself, is named.
+    """Notes about sensors that do not turn as the person does, which is the median of all, each with the sensors that
+    it names. The mean rate about the mean force over two strides is the person's, whatever the mounting. Of two sensors
+    the one that is `accused`, for it contradicts itself, is named.
     """
     samples = round(at.WINDOW_S * rate_hz)
     every, turns, rests = max(samples // 8, 1), {}, []

@@ -75,8 +75,7 @@ def usable_sensors(
     sensors: Mapping[str, Imu], units: Units, name: str
 ) -> tuple[dict[str, Imu], dict[str, SensorQuality]]:
     """The sensors without those whose numbers cannot be right, and why each of these is left out. Raises RecordingError
-    if no sensor has signals, or the sizes of most contradict their unit: a limb turns impossibly fast, a moving person
-    impossibly slowly, or the accelerometer does not measure gravity.
+    if no sensor has signals, or the sizes of most contradict their unit.
     """
     dead = {placement: words for placement, imu in sensors.items() if (words := _dead(imu))}
     if len(dead) == len(sensors):
@@ -152,10 +151,7 @@ def _rate_meant(rate: float, unit: Unit) -> str:
 
 
 def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
-    """Refuse gyroscopes that turn too slowly in deg/s while accelerometers, if any, show that the person moves.
-
-    A file whose format states the unit, or whose unit is deduced from the signals, is not refused.
-    """
+    """Refuse gyroscopes whose stated unit makes them too slow for a person whom accelerometers, if any, show moving."""
     rates = {placement: fast_rate(imu) for placement, imu in sensors.items()}
     fastest = max(rates, key=lambda placement: rates[placement])
     unit, rate = units[fastest]["gyr"], rates[fastest]
@@ -226,8 +222,8 @@ def _advice(fault: _Fault, unit: Unit, others: Sequence[str]) -> str:
 
 
 def check_range(distance: AnyArray, unit: str, name: str) -> None:
-    """Refuse impossible distances between the feet (n,) [m] of a recording, given their stated unit. Raises
-    RecordingError if a distance is not positive, or their median is outside `FEET_APART`.
+    """Refuse, by a RecordingError, distances between the feet (n,) [m] that are not positive, or not within
+    `FEET_APART`.
     """
     if not distance.size:
         return

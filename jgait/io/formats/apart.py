@@ -141,8 +141,8 @@ def _place(file: Path) -> str | None:
 
 
 def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is a folder of such files, or of an accelerometer's alone; one of them; or a table with gravity apart,
-    or in CoreMotion's signs.
+    """Whether it is such a folder or a file of one, an accelerometer's alone, or a table with gravity apart or of
+    CoreMotion.
     """
     if path.is_dir():
         signals = {columns.signal for file in path.iterdir() for columns in _head(file)}
@@ -156,10 +156,8 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """The sensors of a folder, or the one to which a file belongs.
-
-    Raises:
-        RecordingError: if a file is none of this format, has no gyroscope, or only acceleration without gravity.
+    """The sensors of a folder, or the one to which a file belongs. Raises RecordingError without a gyroscope or
+    gravity.
     """
     devices = _devices(path if path.is_dir() else path.parent)
     if not path.is_dir():

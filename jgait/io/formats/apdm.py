@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     import h5py
 
 EXPECTED = "an APDM Opal HDF5 file"
-CSV = b"Format="
-"""First bytes of a CSV."""
+CSV = b"Format="  # first bytes of a CSV
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -50,11 +49,8 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """Every sensor of a file.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        RecordingError: if the file is truncated, in no layout of APDM's, or a sensor lacks a signal.
+    """Every sensor of a file. Raises RecordingError if it is truncated, in no layout of APDM's, or a sensor lacks a
+    signal.
     """
     check_file(path, EXPECTED)
     with path.open("rb") as stream:

@@ -44,8 +44,7 @@ EXPECTED = "a BIDS motion file (*_motion.tsv)"
 NEEDED = ("name", "component", "type", "units")
 LEVELS = 5
 """Largest number of parent folders that are searched for inherited files; the search ends at the data set's root."""
-UNITS = {"GYRO": tuple(GYR_UNITS), "ACCEL": tuple(ACC_UNITS), "LATENCY": ("s", "ms")}
-"""Type of channel → its units."""
+UNITS = {"GYRO": tuple(GYR_UNITS), "ACCEL": tuple(ACC_UNITS), "LATENCY": ("s", "ms")}  # type of channel → its units
 
 CHANNELS_BAD = Kind(
     "channels_bad", "check", "{sensor}: channels.tsv calls {channels} bad",

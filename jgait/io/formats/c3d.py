@@ -64,54 +64,31 @@ FLOOR = 0.15  # [m] largest height above or below 0 of the lowest markers on a f
 
 
 class CaptureEvent(NamedTuple):
-    """One event of a capture.
+    """One event of a capture."""
 
-    Attributes:
-        time: [s] on the clock of `Capture.time`.
-        kind: 'initial_contact', 'final_contact', or the file's label where that is neither.
-        side: 'right', 'left', or None for neither.
-    """
-
-    time: float
-    kind: str
-    side: str | None
+    time: float  #: [s] on the clock of `Capture.time`.
+    kind: str  #: 'initial_contact', 'final_contact', or the file's label where that is neither.
+    side: str | None  #: 'right', 'left', or None for neither.
 
 
 @record
 class Capture(NamedTuple):
-    """Data of a motion capture.
+    """Data of a motion capture."""
 
-    Attributes:
-        time: (T,) [s] of the markers, 0 at the first captured frame.
-        rate_hz: [Hz] of the markers.
-        markers: name → (T, 3) [m], NaN where not visible; z points up where `up` is known.
-        up: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
-        outputs: name → (T, 3) outputs of a model, in the file's units.
-        analog_time: (A,) [s] on the same clock.
-        analog_rate_hz: [Hz], 0 where there is no analog signal.
-        analog: name → (A,) in the unit of `analog_units`.
-        analog_units: name → unit as written in the file; empty if the file has none.
-        events: in order of time.
-        force_plates: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
-        name: of the recording.
-        subject: name of the person.
-        notes: notes about deduced units, changes and doubtful data.
-    """
-
-    time: np.ndarray
-    rate_hz: float
-    markers: dict[str, np.ndarray]
-    up: str | None
-    outputs: dict[str, np.ndarray]
-    analog_time: np.ndarray
-    analog_rate_hz: float
-    analog: dict[str, np.ndarray]
-    analog_units: dict[str, str]
-    events: tuple[CaptureEvent, ...]
-    force_plates: Tree
-    name: str
-    subject: str
-    notes: tuple[Note, ...]
+    time: np.ndarray  #: (T,) [s] of the markers, 0 at the first captured frame.
+    rate_hz: float  #: [Hz] of the markers.
+    markers: dict[str, np.ndarray]  #: name → (T, 3) [m], NaN where not visible; z points up where `up` is known.
+    up: str | None  #: the file's axis that points up: '+x', …, '-z'; None: not known, the axes are the file's.
+    outputs: dict[str, np.ndarray]  #: name → (T, 3) outputs of a model, in the file's units.
+    analog_time: np.ndarray  #: (A,) [s] on the same clock.
+    analog_rate_hz: float  #: [Hz], 0 where there is no analog signal.
+    analog: dict[str, np.ndarray]  #: name → (A,) in the unit of `analog_units`.
+    analog_units: dict[str, str]  #: name → unit as written in the file; empty if the file has none.
+    events: tuple[CaptureEvent, ...]  #: in order of time.
+    force_plates: Tree  #: parameters of the group FORCE_PLATFORM, as they are, in the file's units and axes.
+    name: str  #: of the recording.
+    subject: str  #: name of the person.
+    notes: tuple[Note, ...]  #: notes about deduced units, changes and doubtful data.
 
 
 def read_c3d(path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None) -> Capture:
@@ -186,8 +163,8 @@ def _load(file: Path) -> Tree:
 
 
 def _frames_in_header(file: Path) -> int | None:
-    """How many frames the header states; None where 16 bits do not hold it. Raises RecordingError if this is no C3D
-    file, or its parameters are not there in full, of which ezc3d would seek the end for ever.
+    """How many frames the header states; None where 16 bits do not hold it. Raises RecordingError where the parameters
+    are not there in full, of which ezc3d would seek the end for ever.
     """
     with file.open("rb") as stream:
         content = stream.read(PARAMETERS_END)
@@ -331,8 +308,8 @@ def _events(parameters: Tree, file: Path) -> tuple[CaptureEvent, ...]:
 
 
 def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
-    """The unit, 'm' or 'mm', in which the distances between markers (T, 3), NaN where not visible, fit a person, or
-    None; and the distance that decides: the median over time of the longest side of the box around all markers.
+    """The unit in which the distances between markers (T, 3) fit a person, or None; and the distance that decides: the
+    median over time of the longest side of the box around all markers.
     """
     places = np.stack(list(markers.values()))
     visible = np.isfinite(places).all(axis=(0, 2))
@@ -343,11 +320,8 @@ def told_unit(markers: Mapping[str, np.ndarray]) -> tuple[str | None, float]:
 
 
 def told_up(markers: Mapping[str, np.ndarray], stated: str = "") -> tuple[str | None, str, bool]:
-    """The axis that points up, by markers (T, 3) [m] and by the axis that the file states, '+x', …, '-z', or nothing.
-
-    Returns:
-        The axis, or None where neither shows it; why; and whether the markers overrule the file: nobody walks on the
-        head, or below the floor.
+    """The axis that points up, or None, by markers (T, 3) [m], NaN where not visible, and by the axis that the file
+    states, if any; why; and whether the markers overrule the file: nobody walks on the head, or below the floor.
     """
     visible = {label: place[np.isfinite(place).all(axis=1)] for label, place in markers.items()}
     visible = {label: place for label, place in visible.items() if len(place)}

@@ -77,9 +77,7 @@ def measured(path: Path) -> Measured:
 
 
 def _placed_anywhere(table: "pd.DataFrame") -> tuple["pd.DataFrame", dict[str, str]]:
-    """A table in which no name of a column states a placement, with some placement for each sensor that is named, and
-    the names of the sensors by these placements; any other table as it is.
-    """
+    """A table whose columns name sensors and no place, with some placement for each, and their names by placement."""
     names = [str(column) for column in table.columns]
     if any(column_of(name) not in (None, "time") for name in names):
         return table, {}

@@ -14,8 +14,7 @@ from jgait.io.part import Measured, Part
 from jgait.types import RecordingError
 
 EXPECTED = "an Axivity CWA file"
-SIGNATURE = b"MD\xfc\x03"
-"""First bytes: the header block and its length."""
+SIGNATURE = b"MD\xfc\x03"  # first bytes: the header block and its length
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -24,12 +23,7 @@ def recognises(path: Path, head: bytes) -> bool:
 
 
 def measured(path: Path) -> Measured:
-    """The sensor of a file.
-
-    Raises:
-        ImportError: if the library is not installed.
-        RecordingError: if the file is none of this format, or has no gyroscope.
-    """
+    """The sensor of a file. Raises ImportError without the library, RecordingError without a gyroscope."""
     check_file(path, EXPECTED)
     reader = library("cwa_reader_rs", EXPECTED, "devices")
     about = reader.read_metadata(str(path))

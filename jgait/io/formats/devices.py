@@ -239,8 +239,8 @@ FORMATS = {
         accepts=_is_mtw, together=_of_one_unit,
     ),
     "dot": TextFormat(
-        "Movella DOT CSV with a header PacketCounter, SampleTimeFine, …, Acc_X, …, Gyr_X, …", (".csv",), _is_xsens, _dot,
-        accepts=lambda path, head: not _is_mtw(path, head), together=_synchronised,
+        "Movella DOT CSV with a header PacketCounter, SampleTimeFine, …, Acc_X, …, Gyr_X, …", (".csv",), _is_xsens,
+        _dot, accepts=lambda path, head: not _is_mtw(path, head), together=_synchronised,
     ),
     "shimmer": TextFormat(
         SHIMMERS, (".csv", ".txt", ".tsv"),

@@ -21,19 +21,15 @@ NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 """Type of an element of numbers → bytes of one."""
 
 INT8, INT32, UINT32, MATRIX, COMPRESSED = 1, 5, 6, 14, 15
-CELL, STRUCT, CHAR, NUMERIC = 1, 2, 4, range(6, 16)
-"""Classes of arrays that are read."""
-
+CELL, STRUCT, CHAR, NUMERIC = 1, 2, 4, range(6, 16)  # classes of arrays that are read
 DEEPEST = 50  # [1] most arrays in each other
 
 type Order = Literal["little", "big"]
 
 
 def read_matlab(path: Path, needed: Sequence[str], perhaps: Sequence[str] = (), **options: Any) -> dict[str, Any]:
-    """Variables of a file, by SciPy's `loadmat` with its options; those that are `perhaps` there may lack.
-
-    Raises:
-        RecordingError: if the file is of another version or damaged, lacks a needed variable, or has one twice.
+    """Variables of a file, by SciPy's `loadmat` with its options; those that are `perhaps` there may lack. Raises
+    RecordingError if it is of another version or damaged, lacks a needed variable, or has one twice.
     """
     scipy_io = library("scipy.io", EXPECTED)
     try:

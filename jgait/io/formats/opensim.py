@@ -35,21 +35,14 @@ BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
 
 @record
 class OpenSimMotion(NamedTuple):
-    """Content of a file of OpenSim.
+    """Content of a file of OpenSim."""
 
-    Attributes:
-        time: (T,) [s].
-        columns: name → (T,), angles in radians, lengths in metres, all else as it is; NaN where the file has nan.
-        angles: the columns that are angles.
-        name: of the motion.
-        notes: what was deduced or is doubtful.
-    """
-
-    time: np.ndarray
+    time: np.ndarray  #: (T,) [s].
+    #: name → (T,), angles in radians, lengths in metres, all else as it is; NaN where the file has nan.
     columns: dict[str, np.ndarray]
-    angles: tuple[str, ...]
-    name: str
-    notes: tuple[Note, ...]
+    angles: tuple[str, ...]  #: the columns that are angles.
+    name: str  #: of the motion.
+    notes: tuple[Note, ...]  #: what was deduced or is doubtful.
 
 
 def read_opensim(path: str | os.PathLike[str], *, degrees: bool | None = None) -> OpenSimMotion:

@@ -49,8 +49,7 @@ FORMATS: dict[str, Format] = {
 }  # fmt: skip
 """Name → format, in the order in which files are tried. A format of columns named as here comes last: `csv`."""
 
-SHEETS = (".xlsx", ".xls", ".ods", ".numbers")
-"""Endings of spreadsheets."""
+SHEETS = (".xlsx", ".xls", ".ods", ".numbers")  # endings of spreadsheets
 
 OTHERS = {
     ".c3d": "is a motion capture without inertial sensors that jgait reads: jgait.io.read_c3d reads markers and analog "
