@@ -29,7 +29,7 @@ from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
 from jgait.geometry.sagittal import leg_in_plane, low_pass_heading, path_walked
 from jgait.io.formats.matlab import read_matlab
-from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.notes import LEFT_OUT, Kind
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
@@ -82,10 +82,15 @@ def load_one(name: str) -> Walk:
     tables = {placement: reading.xsens(files.need(path))[0] for placement, path in _sensor_paths(name).items()}
     if not tables:
         raise RecordingError(f"{name} has none of the sensors {', '.join(SERIALS.values())}")
-    vicon = _read_vicon(files.need(f"{ROOT}/vicon/{name}.mat"))
+    needed = ["LASI", "RASI", "LPSI", "RPSI", *(side + joint for side in "RL" for joint in ("HJC", "KJC", "AJC"))]
+    perhaps = [side + marker for side in "RL" for marker in ("HEE", "TOE")]
+    vicon = read_matlab(files.need(f"{ROOT}/vicon/{name}.mat"), needed, perhaps, squeeze_me=True)
+    vicon = {key: np.asarray(values, np.float64) / 1000.0 for key, values in vicon.items()}
     contact = _read_contact(name, files)
 
-    sensors = _on_one_clock(tables, len(vicon["RHJC"]) - LAG, files.notes)
+    first = int(min(table[0, 0] for table in tables.values())) + LAG
+    length = int(max(table[-1, 0] for table in tables.values())) + 1 - first
+    sensors = reading.on_counter(tables, first, min(length, len(vicon["RHJC"]) - LAG), RATE_HZ, files.notes)
     samples = len(next(iter(sensors.values())).time)
     vicon = {key: values[:samples] for key, values in vicon.items()}
     contact = {side: flags[:samples] for side, flags in contact.items()}
@@ -115,21 +120,6 @@ def _sensor_paths(name: str) -> dict[str, str]:
         for placement, serial in SERIALS.items()
     }
     return {placement: paths[0] for placement, paths in listed.items() if paths}
-
-
-def _on_one_clock(tables: dict[str, np.ndarray], most: int, notes: list[Note]) -> dict[str, Imu]:
-    """Sensors on one time axis of at most `most` samples, the lag removed."""
-    first = int(min(table[0, 0] for table in tables.values())) + LAG
-    length = int(max(table[-1, 0] for table in tables.values())) + 1 - first
-    return reading.on_counter(tables, first, min(length, most), RATE_HZ, notes)
-
-
-def _read_vicon(path: Path) -> dict[str, np.ndarray]:
-    """Marker or joint centre → (T, 3) [m]."""
-    needed = ["LASI", "RASI", "LPSI", "RPSI", *(side + joint for side in "RL" for joint in ("HJC", "KJC", "AJC"))]
-    perhaps = [side + marker for side in "RL" for marker in ("HEE", "TOE")]
-    content = read_matlab(path, needed, perhaps, squeeze_me=True)
-    return {key: np.asarray(values, np.float64) / 1000.0 for key, values in content.items()}
 
 
 def _read_contact(name: str, files: Files) -> dict[str, np.ndarray]:

@@ -41,7 +41,7 @@ from jgait.datasets.reading import AXES_TURNED, FLIP, foot_imu, footprint_stride
 from jgait.io.formats.matlab import read_matlab
 from jgait.notes import AS_READ
 from jgait.signal.windows import true_runs
-from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Strides, Walk, as_float
+from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, RecordingError, Walk, as_float
 
 ROOT = "data/vicon/processed"
 DETECTORS = ("vicon", "shoe", "ared", "amvd", "mbgtd")
@@ -85,7 +85,11 @@ def load_one(name: str) -> Walk:
     distance = way(imu.time, prints["position"], arrived, left)
     source = {"source": "Vicon; distance from stance to stance"}
     feet = Feet(FootTrajectory(position, None, None), None)
-    strides = _strides(prints, valid, time)
+    # not valid where Vicon lost the foot for long, because a footprint may be missing
+    whole = np.array([valid[a:b].mean() > SEEN for a, b in itertools.pairwise(prints["samples"])], bool)
+    last = np.maximum(prints["time"], left - LONGEST_STANDING_S)
+    first = np.minimum(prints["time"], arrived + LONGEST_STANDING_S)
+    strides = footprint_strides("right", prints["position"], first, last, whole)
     reference = Estimate(imu.time, Legs(None, None), None, distance, valid, source, strides, feet)
     lost = () if valid.all() else (AS_READ.note(f"samples of Vicon masked: {(~valid).sum()}"),)
     notes = (AXES_TURNED, AS_READ.note("Vicon's axes are left-handed upstream: y changed sign"), *lost)
@@ -99,14 +103,6 @@ def load_one(name: str) -> Walk:
         "verified": known,
     }
     return Walk(recording, reference, details)
-
-
-def _strides(prints: dict[str, np.ndarray], valid: np.ndarray, time: np.ndarray) -> Strides:
-    """Strides between footprints; not valid where Vicon lost the foot for long, because a footprint may be missing."""
-    left = np.maximum(prints["time"], time[prints["end"] - 1] - LONGEST_STANDING_S)
-    arrived = np.minimum(prints["time"], time[prints["start"]] + LONGEST_STANDING_S)
-    whole = np.array([valid[a:b].mean() > SEEN for a, b in itertools.pairwise(prints["samples"])], bool)
-    return footprint_strides("right", prints["position"], arrived, left, whole)
 
 
 def usable(position: np.ndarray, rate_hz: float) -> np.ndarray:

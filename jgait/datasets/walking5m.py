@@ -67,24 +67,21 @@ def load_one(name: str) -> Walk:
     notes += places.notes() if places and swapped else []
     recording = Recording(sensors, RATE_HZ, name, subject, tuple(notes))
     reference, feet, why = distance_reference(sensors)
-    lengths = LENGTHS.get(group)
+    lengths, windows = LENGTHS.get(group), {}
+    if reference is not None:
+        start, end = min(path.start[0] for path in feet.values()), max(path.end[-1] for path in feet.values()) + 1
+        parts = {"whole": (start, end), "standing": (0, start), "end_standing": (end, len(reference.time))}
+        windows = {part: (int(a), int(b)) for part, (a, b) in parts.items() if b > a}
     return Walk(recording, reference, {
         "group": group,
         "lengths": None if lengths is None else dict.fromkeys(SIDES, lengths),
-        "windows": _windows(feet, len(next(iter(sensors.values())).time)) if reference is not None else {},
+        "windows": windows,
         "insoles": insoles,
         "feet": feet,
         "no_reference": why,
         "misplaced": swapped,
         "verified": verified,
     })  # fmt: skip
-
-
-def _windows(feet: dict[str, FootPath], samples: int) -> dict[str, tuple[int, int]]:
-    start = int(min(path.start[0] for path in feet.values()))
-    end = int(max(path.end[-1] for path in feet.values())) + 1
-    windows = {"whole": (start, end), "standing": (0, start), "end_standing": (end, samples)}
-    return {name: window for name, window in windows.items() if window[1] > window[0]}
 
 
 def distance_reference(sensors: dict[str, Imu]) -> tuple[Estimate | None, dict[str, FootPath], str | None]:

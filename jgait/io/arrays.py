@@ -104,7 +104,11 @@ def recording_in_units(
     clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, again)
     twice = again if len(sensors) > 1 else None
     for placement, signals in sensors.items():
-        read = _in_si(signals, scales[placement])
+        read = {
+            kind: as_float(signals[kind]) * scale
+            for kind, scale in scales[placement].items() if signals.get(kind) is not None
+        }  # fmt: skip
+        read = {kind: np.where(np.isfinite(values), values, np.nan) for kind, values in read.items()}
         masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz, twice)
         imus[placement] = _imu(masked, clock)
         notes_of[placement] += _asleep(placement, read)
@@ -127,7 +131,11 @@ def recording_in_units(
     recording = recording._replace(quality=merged(left_out, begin, wrong.quality))
     if feet_range is None:
         return recording._replace(notes=notes)
-    apart = _range(feet_range, metres, clock, int(samples or 0), name)
+    distance = as_float(feet_range)
+    if distance.shape != (samples,):
+        raise RecordingError(f"{name}: feet_range must have one value a sample, ({samples},); got {distance.shape}")
+    measured = (clock.rows >= 0) & np.isfinite(distance)[clock.rows]
+    apart = RangeReadings(clock.time, np.where(measured, metres * distance[clock.rows], 0.0), measured)
     check_range(apart.distance[apart.mask], range_unit, name)
     apart, repeats = without_repeats(apart, imus)
     notes = (*notes, *repeats)
@@ -158,15 +166,6 @@ def _by_header(units: Units, sensors: Mapping[str, Mapping[str, ArrayLike]]) -> 
     return [AS_READ.note(f"units by the header: {text}")] if stated else []
 
 
-def _range(values: ArrayLike, scale: float, clock: SampleTimes, samples: int, name: str) -> RangeReadings:
-    """A range on the clock of the sensors, masked where it was not measured."""
-    distance = as_float(values)
-    if distance.shape != (samples,):
-        raise RecordingError(f"{name}: feet_range must have one value a sample, ({samples},); got {distance.shape}")
-    measured = (clock.rows >= 0) & np.isfinite(distance)[clock.rows]
-    return RangeReadings(clock.time, np.where(measured, scale * distance[clock.rows], 0.0), measured)
-
-
 def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int | None, name: str) -> int:
     """Check the names and shapes of one sensor's signals; returns its number of samples."""
     if placement not in PLACEMENTS:
@@ -181,12 +180,6 @@ def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int
             raise RecordingError(f"{name}: {kind} of {placement} has {shape[0]} samples; the others have {samples}")
         samples = shape[0]
     return int(samples or 0)
-
-
-def _in_si(signals: Mapping[str, ArrayLike], scales: Mapping[str, float]) -> dict[str, np.ndarray]:
-    """The signals of one sensor that are there, gyroscope first, in SI; infinite values are missing."""
-    present = {kind: as_float(signals[kind]) * scales[kind] for kind in scales if signals.get(kind) is not None}
-    return {kind: np.where(np.isfinite(values), values, np.nan) for kind, values in present.items()}
 
 
 def _imu(signals: Mapping[str, np.ndarray], clock: SampleTimes) -> Imu:

@@ -172,16 +172,11 @@ def one_clock(
         )
     common = times[base][(times[base] >= begin) & (times[base] <= end)]
     for (where, kinds, _), stamps in zip(tracks, times, strict=True):
-        sensors[where] |= {kind: _resampled(common, stamps, sensors[where][kind]) for kind in kinds}
+        right = np.clip(np.searchsorted(stamps, common), 1, len(stamps) - 1)
+        far = stamps[right] - stamps[right - 1] > 1.5 * float(np.median(np.diff(stamps)))  # of a neighbour
+        for kind in kinds:
+            values = [np.interp(common, stamps, column) for column in sensors[where][kind].T]
+            sensors[where][kind] = np.where(far[:, None], np.nan, np.stack(values, axis=1))
     joined = "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s"
     notes.append(TIMES_CORRECTED.note(joined, placement=tracks[base].where, begin_s=begin, end_s=end))
     return common, None
-
-
-def _resampled(time: np.ndarray, own_time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values at other times, linear; NaN wherever a neighbour is lost or far."""
-    step = float(np.median(np.diff(own_time)))
-    result = np.stack([np.interp(time, own_time, column) for column in values.T], axis=1)
-    right = np.clip(np.searchsorted(own_time, time), 1, len(own_time) - 1)
-    result[own_time[right] - own_time[right - 1] > 1.5 * step] = np.nan
-    return result

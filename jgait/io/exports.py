@@ -100,7 +100,14 @@ def to_mobgap(estimate: Estimate, sampling_rate_hz: float) -> MobgapTables:
         table = table[~(table["standing_s"] < table["start_s"])]
     contacts = _contacts(estimate, table, sampling_rate_hz)
     strides = _strides(table, sampling_rate_hz)
-    return MobgapTables(contacts, strides, _bouts(strides, contacts, sampling_rate_hz))
+    by_bout = strides.groupby(level="wb_id")
+    bouts = by_bout.agg(start=("start", "min"), end=("end", "max"), n_strides=("start", "size"))
+    bouts["duration_s"] = (bouts["end"] - bouts["start"]) / sampling_rate_hz
+    spans = zip(bouts["start"], bouts["end"], strict=True)
+    bouts["n_raw_initial_contacts"] = [int(contacts["ic"].between(start, end).sum()) for start, end in spans]
+    measures = [name for name in strides.columns if name not in ("start", "end", "lr_label", "regular")]
+    means = strides[strides["regular"]].groupby(level="wb_id")[measures].mean()
+    return MobgapTables(contacts, strides, bouts.join(means))
 
 
 def _samples(seconds: "np.ndarray", rate: float) -> np.ndarray:
@@ -139,14 +146,3 @@ def _strides(table: "pd.DataFrame", rate: float) -> "pd.DataFrame":
     columns[kept[1:-1]] = columns[kept[1:-1]].where(columns[kept[1:-1]] > 0.0)
     first = ["start", "end", "lr_label", "stride_duration_s", "cadence_spm"]
     return columns[[*first, *kept[1:]]]
-
-
-def _bouts(strides: "pd.DataFrame", contacts: "pd.DataFrame", rate: float) -> "pd.DataFrame":
-    by_bout = strides.groupby(level="wb_id")
-    bouts = by_bout.agg(start=("start", "min"), end=("end", "max"), n_strides=("start", "size"))
-    bouts["duration_s"] = (bouts["end"] - bouts["start"]) / rate
-    bouts["n_raw_initial_contacts"] = [
-        int(contacts["ic"].between(start, end).sum()) for start, end in zip(bouts["start"], bouts["end"], strict=True)
-    ]
-    measures = [name for name in strides.columns if name not in ("start", "end", "lr_label", "regular")]
-    return bouts.join(strides[strides["regular"]].groupby(level="wb_id")[measures].mean())

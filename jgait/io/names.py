@@ -263,7 +263,7 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
     known = {index for column, index in position.items() if column in COLUMNS}
     unknown = [column for index, column in enumerate(given) if index not in known]
     # the lab's own names of the other axes, with the letter of one that lacks
-    spelt = {_with_axis(given[index], wanted[-1]): wanted for wanted in lacking
+    spelt = {re.sub("[xyz](?=[^xyz]*$)", wanted[-1], given[index].lower()): wanted for wanted in lacking
              for column, index in position.items() if column[:-1] == wanted[:-1]}  # fmt: skip
     likely = spelt | {column: column for column in lacking or sorted(COLUMNS - {"time", "feet_range"})}
     near = {column: difflib.get_close_matches(column.strip().lower(), likely, 1, ALMOST) for column in unknown}
@@ -283,12 +283,6 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
         argument="placements" if named else "",
         value={strange[0]: "shank_right"} if named else "",
     )
-
-
-def _with_axis(spelt: str, axis: str) -> str:
-    """A lab's name of a column, in lower case, with another axis at its last x, y or z."""
-    last = max(spelt.lower().rfind(letter) for letter in "xyz")
-    return f"{spelt[:last]}{axis}{spelt[last + 1 :]}".lower()
 
 
 def _few(names: list[str]) -> str:

@@ -116,7 +116,10 @@ class Results:
             extremes = joint_extremes(self.estimate, table)
             table = table.assign(**extremes)
             if extremes:
-                table["angles_valid"] = _angles_sound(self.estimate, table)
+                time, legs = as_float(self.estimate.time), zip(SIDES, self.estimate.legs, strict=True)
+                usable = {side: angles_usable(self.estimate, side) & (leg is not None) for side, leg in legs}
+                spans = zip(table["side"], table["start_s"], table["end_s"], strict=True)
+                table["angles_valid"] = [usable[side][(time >= a) & (time <= b)].all() for side, a, b in spans]
         if {"start_s", "end_s"} <= set(table):
             table["wb_id"] = bout_numbers(table["start_s"].to_numpy(), table["end_s"].to_numpy())
         table["source"] = self.measured_by
@@ -288,16 +291,6 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
         "contacts": results.contacts, "sources": pd.DataFrame(rows, columns=SOURCES),
         "samples": to_dataframe(analysis.estimate),
     }  # fmt: skip
-
-
-def _angles_sound(estimate: Estimate, table: "pd.DataFrame") -> np.ndarray:
-    """(strides,) bool, whether joint angles of the stride's leg are measured and usable all over it."""
-    time = as_float(estimate.time)
-    usable = {
-        side: angles_usable(estimate, side) & (leg is not None) for side, leg in zip(SIDES, estimate.legs, strict=True)
-    }
-    spans = zip(table["side"], table["start_s"], table["end_s"], strict=True)
-    return np.array([usable[side][(time >= start) & (time <= end)].all() for side, start, end in spans], bool)
 
 
 def joint_extremes(estimate: Estimate, table: "pd.DataFrame") -> dict[str, np.ndarray]:

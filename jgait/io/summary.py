@@ -104,7 +104,10 @@ def summary(
     sided = bool(known.all())
     alike = enough and sided and len({frozenset(of["source"]) for _, of in table.groupby("side")}) == 1
     columns = {column.name: table.get(column.name) for column in MEASURES}
-    columns |= {"step_duration_s": _step_durations(table, strides), "stance_pct": _stances(table)}
+    columns |= {"step_duration_s": _step_durations(table, strides), "stance_pct": None}
+    if {"final_contact_s", "stride_duration_s"} <= set(table):
+        stance = 100.0 * (table["final_contact_s"] - table["start_s"]) / table["stride_duration_s"]
+        columns["stance_pct"] = stance.where((table["source"] == CONTACTS) & (stance > 0.0))
     if "stride_duration_s" in table:
         columns["cadence_spm"] = 120.0 / table["stride_duration_s"]
     if "stride_width_m" not in table:
@@ -215,14 +218,6 @@ def _side_error(name: str, error: float, table: "pd.DataFrame") -> float:
     if name == "step_duration":  # what one side's contacts are late, its steps are longer and the other's shorter
         return 2.0 * np.sqrt(2.0) * CONTACT_S
     return 200.0 * CONTACT_S / float(table["stride_duration_s"].mean()) if name == "stance" else np.nan
-
-
-def _stances(table: "pd.DataFrame") -> "pd.Series | None":
-    """Share of the stride with the foot on the ground [%], by `CONTACTS`; None if it has no final contacts."""
-    if not {"final_contact_s", "stride_duration_s"} <= set(table):
-        return None
-    share = 100.0 * (table["final_contact_s"] - table["start_s"]) / table["stride_duration_s"]
-    return share.where((table["source"] == CONTACTS) & (share > 0.0))
 
 
 def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Series | None":

@@ -74,7 +74,9 @@ def separator_of(line: str, separators: Sequence[str] = SEPARATORS) -> str:
 def head_of(lines: Sequence[str], encoding: str, header: int, separator: str, last: int | None = None) -> Head:
     """The head of a table whose header begins in a line of its `first_lines`, and ends in the line `last`."""
     below = [row for row in range((header if last is None else last) + 1, len(lines)) if lines[row].strip()]
-    units = _units(split(lines[below[0]], separator)) if below else ()
+    cells = split(lines[below[0]], separator) if below else ()
+    units = tuple(cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell for cell in cells)
+    units = units if any(map(_is_unit, units)) and not any(map(is_number, units)) else ()
     body = below[1:] if units else below
     decimal = "," if separator != "," and any("," in lines[row] for row in body or [header]) else "."
     return Head(split(lines[header], separator), tuple(lines[:header]), separator, body[0] if body else len(lines),
@@ -179,14 +181,11 @@ def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
         notes = (*notes, AS_READ.note(f"the row below the header has units: {stated}"))
         units = [*head.units, *[""] * len(names)]
         names = [_with_unit(column, unit, file.name) for column, unit in zip(names, units, strict=False)]
-    table.columns = pd.Index(_different(names))
+    names = [name or f"Unnamed: {k}" for k, name in enumerate(names)]  # none is empty or twice, as in pandas
+    table.columns = pd.Index(
+        [f"{name}.{names[:k].count(name)}" if name in names[:k] else name for k, name in enumerate(names)]
+    )
     return table, notes
-
-
-def _different(names: Sequence[str]) -> list[str]:
-    """Names as pandas has them: none is empty or twice."""
-    names = [name or f"Unnamed: {k}" for k, name in enumerate(names)]
-    return [f"{name}.{names[:k].count(name)}" if name in names[:k] else name for k, name in enumerate(names)]
 
 
 def header_at(lines: Sequence[str]) -> tuple[int, int]:
@@ -212,12 +211,6 @@ def header_at(lines: Sequence[str]) -> tuple[int, int]:
 def _axis(cell: str) -> bool:
     """Whether the name of a column is that of an axis of a sensor, also in the body frames of gaitmap and mobgap."""
     return like_a_signal(cell) or re.fullmatch("(gyr|acc)_(pa|ml|si|is)", cell, re.IGNORECASE) is not None
-
-
-def _units(cells: Sequence[str]) -> tuple[str, ...]:
-    """The units in the cells of a row below the header, "" where there is none; () for any other row."""
-    units = tuple(cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell for cell in cells)
-    return units if any(map(_is_unit, units)) and not any(map(is_number, units)) else ()
 
 
 def _is_unit(cell: str) -> bool:

@@ -48,7 +48,10 @@ def rows_wrong(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[SensorQualit
         return SensorQuality(rows_twice=rows), [ROWS_WRONG.note(f"{text}; they are written twice though time goes on")]
     lost = _double_steps([change[early] for change in changes], whole[early], rate_hz)
     if not lost.any() and len(changes) >= at.SENSORS_OF_JUMP:
-        lost = (np.mean([_jump(change) for change in changes], axis=0) > at.SURE_JUMP) & whole
+        sizes = np.linalg.norm(changes, axis=2) + at.LEAST_CHANGE
+        beside = [by for by in range(-at.BESIDE_JUMP, at.BESIDE_JUMP + 1) if by]
+        around = np.max([[_shifted(size, by) for size in sizes] for by in beside], axis=0)
+        lost = (np.log(sizes / around).mean(axis=0) > at.SURE_JUMP) & whole
     if places := int(lost.sum()):
         begin_s = (np.argmax(lost) + 1) / rate_hz
         text = f"places at which all sensors jump: {places}, first at {begin_s:.2f} s; rows are missing there although"
@@ -61,13 +64,6 @@ def rows_wrong(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[SensorQualit
 def _shifted(values: np.ndarray, by: int) -> np.ndarray:
     """Values moved by some samples; the ends are repeated."""
     return values[np.clip(np.arange(len(values)) - by, 0, len(values) - 1)]
-
-
-def _jump(change: np.ndarray) -> np.ndarray:
-    """Logarithm of the size of a sensor's changes (T − 1, 3) over the largest around each."""
-    size = np.linalg.norm(change, axis=1) + at.LEAST_CHANGE
-    shifts = [by for by in range(-at.BESIDE_JUMP, at.BESIDE_JUMP + 1) if by]
-    return np.asarray(np.log(size / np.max([_shifted(size, by) for by in shifts], axis=0)))
 
 
 def _written_twice(changes: list[np.ndarray], whole: np.ndarray) -> np.ndarray:

@@ -65,7 +65,10 @@ def turn_notes(
         if placement.partition("_")[0] not in at.TILTED_DEG or imu.acc is None or len(imu.time) < 2 * samples:
             continue
         still = np.stack([lies(imu, rate_hz), lost[placement]], axis=1).astype(float)
-        gyr, acc, share = (_means(part, samples)[::every] for part in (as_float(imu.gyr), as_float(imu.acc), still))
+        sums = [
+            np.cumsum(np.pad(part, [(1, 0), (0, 0)]), axis=0) for part in (as_float(imu.gyr), as_float(imu.acc), still)
+        ]
+        gyr, acc, share = ((sum_[samples:] - sum_[:-samples])[::every] / samples for sum_ in sums)
         up = acc / np.maximum(np.linalg.norm(acc, axis=1, keepdims=True), 1e-9)
         turns[placement] = np.where(share[:, 1] > 0.5 / samples, np.nan, np.sum(gyr * up, axis=1) * at.WINDOW_S)
         rests.append(share[:, 0])
@@ -114,12 +117,6 @@ def _of_two(angles: Mapping[str, np.ndarray], accused: Collection[str]) -> list[
     )
     note = CONTRADICTS.note(text, placement=first, other=second, degrees=np.rad2deg(turn), ratio=ratio)
     return [((first, second), note)]
-
-
-def _means(values: np.ndarray, samples: int) -> np.ndarray:
-    """Means (T − samples + 1, n) over windows of some samples."""
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    return np.asarray((sums[samples:] - sums[:-samples]) / samples)
 
 
 def _compared(sensor: np.ndarray, person: np.ndarray) -> tuple[float, float, bool]:

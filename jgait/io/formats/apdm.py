@@ -142,7 +142,10 @@ def _parts(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) ->
             f"expected the group Sensors, or groups <case id>/Calibrated; it has {', '.join(file) or 'nothing'}"
         )  # fmt: skip
         raise RecordingError(f"{name} is not {EXPECTED}: {there}")
-    cases, labels = (_strings(file, key) if inner else [] for key in ("CaseIdList", "MonitorLabelList"))
+    # attributes of the file, or, in the oldest ones, datasets
+    lists = (file.attrs.get(key, _values(file[key], key) if key in file else []) if inner else []
+             for key in ("CaseIdList", "MonitorLabelList"))  # fmt: skip
+    cases, labels = ([plain(value) for value in np.atleast_1d(values)] for values in lists)
     label_of = dict(zip(cases, labels, strict=True)) if len(cases) == len(labels) else {}
     if inner and not label_of:
         notes.append(
@@ -158,12 +161,6 @@ def _parts(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) ->
         where = f"{name}: {key}/Calibrated" if inner else f"{name}: Sensors/{key}"
         parts.append(_part(sensor[inner] if inner else sensor, signals, label, about.get(rate), sensor, where, notes))
     return parts
-
-
-def _strings(file: "h5py.File", key: str) -> list[str]:
-    """An attribute of the file, or, in the oldest ones, a dataset of it, of many strings."""
-    values = file.attrs[key] if key in file.attrs else _values(file[key], key) if key in file else []
-    return [plain(value) for value in np.atleast_1d(values)]
 
 
 def _part(

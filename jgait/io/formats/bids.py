@@ -84,17 +84,11 @@ def measured(path: Path) -> Measured:
     return Measured(parts, stem, entity.group(1) if entity else "", tuple(notes))
 
 
-def _folders(path: Path) -> list[Path]:
-    """The file's folder and those above it, up to the data set's root."""
-    folders = list(path.absolute().parents)[:LEVELS]
-    root = next((k for k, folder in enumerate(folders) if (folder / "dataset_description.json").exists()), LEVELS)
-    return folders[: root + 1]
-
-
 def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
     """Files of a kind that apply to this file, the nearest first: their entities are a subset of this file's."""
-    entities, files = {*stem.split("_"), ""}, list[Path]()
-    for folder in _folders(path):
+    entities, files, folders = {*stem.split("_"), ""}, list[Path](), list(path.absolute().parents)[:LEVELS]
+    root = next((k for k, folder in enumerate(folders) if (folder / "dataset_description.json").exists()), LEVELS)
+    for folder in folders[: root + 1]:
         here = [file for file in folder.glob(f"*{kind}") if set(file.name.removesuffix(kind).split("_")) <= entities]
         files += sorted(here, key=lambda file: -len(file.name))
     return files

@@ -43,13 +43,9 @@ PARAMETERS_END = 2**19  # [bytes] largest end of the parameters: they begin with
 
 
 UPRIGHT = {
-    "+z": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-    "+y": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-    "+x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
-    "-z": np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]),
-    "-y": np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]),
-    "-x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]]),
-}
+    f"{sign}{axis}": np.diag([1.0, way, way]) @ np.roll(np.eye(3), by, axis=0)
+    for sign, way in (("+", 1.0), ("-", -1.0)) for by, axis in enumerate("zyx")
+}  # fmt: skip
 """The axis of a file that points up → the rotation from the file's axes to those with z up."""
 
 APART = {"m": (0.3, 2.5), "mm": (300.0, 2500.0)}
@@ -126,7 +122,10 @@ def _capture(file: Path, raw: Tree, unit: str | None, up: str | None) -> Capture
     samples = values.shape[1]
     labels, subject = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
     markers, outputs = _apart(parameters, labels, values)
-    if (stored := _stored(parameters)) > samples >= MOST_FRAMES:
+    # two words of the group TRIAL hold a number of frames that the header cannot
+    trial = (parameters.get("TRIAL", {}).get(f"ACTUAL_{end}_FIELD", {}).get("value", ()) for end in ("START", "END"))
+    begin, end = (sum((int(word) & 0xFFFF) << 16 * i for i, word in enumerate(words)) for words in trial)
+    if (stored := end - begin + 1 if end >= begin > 0 else 0) > samples >= MOST_FRAMES:
         raise RecordingError(
             f"{file.name} holds {stored} frames, by TRIAL:ACTUAL_END_FIELD, of which ezc3d reads {samples}: write "
             f"parts of fewer than {MOST_FRAMES} frames"
@@ -204,13 +203,6 @@ def _texts(parameters: Tree, group: str, key: str) -> list[str]:
             break
         texts += [plain(value) for value in each["value"]]
     return texts
-
-
-def _stored(parameters: Tree) -> int:
-    """How many frames the group TRIAL states, in which two words hold a number; 0 where it states none."""
-    fields = (parameters.get("TRIAL", {}).get(f"ACTUAL_{end}_FIELD", {}).get("value", ()) for end in ("START", "END"))
-    first, last = (sum((int(word) & 0xFFFF) << 16 * i for i, word in enumerate(words)) for words in fields)
-    return last - first + 1 if last >= first > 0 else 0
 
 
 def _rate(raw: Tree, file: Path) -> float:
