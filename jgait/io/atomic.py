@@ -29,7 +29,10 @@ def replaced(path: str | os.PathLike[str]) -> Iterator[Path]:
     target = Path(path)
     if not target.parent.is_dir():
         raise FileNotFoundError(f"the folder {target.parent} does not exist")
-    _remove_left(target)
+    for left in target.parent.glob(f".{glob.escape(target.stem)}.*.part{glob.escape(target.suffix)}"):
+        with contextlib.suppress(OSError), left.open("rb") as file:
+            if _lock(file.fileno()):  # else its writer is at work
+                left.unlink()
     part = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
     descriptor = os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
     try:
@@ -50,14 +53,6 @@ def _lock(descriptor: int) -> bool:
     except OSError:
         return False
     return True
-
-
-def _remove_left(target: Path) -> None:
-    """Remove the temporary files of a target whose writers were killed: nobody holds their lock."""
-    for left in target.parent.glob(f".{glob.escape(target.stem)}.*.part{glob.escape(target.suffix)}"):
-        with contextlib.suppress(OSError), left.open("rb") as file:
-            if _lock(file.fileno()):
-                left.unlink()
 
 
 def check_path(path: object) -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from jgait.estimators.checks import FEWEST_SAMPLES
-from jgait.io.dates import date_of
 from jgait.notes import AS_READ, DATA_LOST, DEDUCED, Kind, Note
 from jgait.quality import SensorQuality, merged
 from jgait.types import Recording, RecordingError, as_float
@@ -143,11 +142,6 @@ def fresh_rows(stamps: np.ndarray, again: np.ndarray | None, notes: list[Note]) 
     where = f"the first in row {row} (the first row is 0) at {stamps[row]:.15g}"
     notes.append(DATA_LOST.note(f"rows that repeat the time before left out: {same.sum()}, {where}"))
     return np.flatnonzero(~np.append(False, same))
-
-
-def date_note(since_1970: float) -> Note:
-    """The note about the date [s since 1970] of the first sample."""
-    return CLOCK_BEGINS.note("times count from {date}, the date of the first sample", date=date_of(since_1970))
 
 
 def _rate_needed(text: str) -> RecordingError:

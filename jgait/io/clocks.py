@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -115,14 +115,6 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
     return placed
 
 
-class _Track(NamedTuple):
-    """Signals of a sensor that share a clock."""
-
-    where: str
-    kinds: list[str]
-    time: np.ndarray | None
-
-
 def one_clock(
     placed: "Mapping[str, Part]", sensors: dict[str, dict[str, np.ndarray]], rate_hz: float | None, name: str,
     notes: list[Note],
@@ -147,14 +139,15 @@ def one_clock(
     lost = [where for where, part in placed.items() if part.time is None]
     if lost:
         raise RecordingError(f"{name}: {lost[0]} has no time stamps, other sensors have; they cannot be joined")
-    tracks = [_Track(where, [kind for kind in sensors[where] if kind != "acc" or part.acc_time is None], part.time)
+    # the signals of each sensor that share a clock
+    tracks = [(where, [kind for kind in sensors[where] if kind != "acc" or part.acc_time is None], part.time)
               for where, part in placed.items()]  # fmt: skip
-    tracks += [_Track(where, ["acc"], part.acc_time) for where, part in placed.items() if part.acc_time is not None]
-    times = [np.asarray(track.time, np.float64) for track in tracks]
+    tracks += [(where, ["acc"], part.acc_time) for where, part in placed.items() if part.acc_time is not None]
+    times = [np.asarray(time, np.float64) for _, _, time in tracks]
     if len(tracks) == 1:
         return times[0], rate_hz or first.sampling_rate_hz
-    for track, stamps in zip(tracks, times, strict=True):
-        check_order(stamps, f"{name}, {track.where}")
+    for (where, _, _), stamps in zip(tracks, times, strict=True):
+        check_order(stamps, f"{name}, {where}")
     steps = [usual_step(stamps) for stamps in times]
     base = next(i for i, step in enumerate(steps) if step <= (1.0 + SAME_SPEED) * min(steps))
     same = [len(t) == len(times[base]) and np.abs(t - times[base]).max() < CLOCKS_APART * steps[base] for t in times]
@@ -178,5 +171,5 @@ def one_clock(
             values = [np.interp(common, stamps, column) for column in sensors[where][kind].T]
             sensors[where][kind] = np.where(far[:, None], np.nan, np.stack(values, axis=1))
     joined = "signals with clocks of their own were interpolated to that of {placement}, {begin_s:.2f} to {end_s:.2f} s"
-    notes.append(TIMES_CORRECTED.note(joined, placement=tracks[base].where, begin_s=begin, end_s=end))
+    notes.append(TIMES_CORRECTED.note(joined, placement=tracks[base][0], begin_s=begin, end_s=end))
     return common, None

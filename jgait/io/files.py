@@ -139,11 +139,6 @@ def cells_in_lines(path: Path, separator: str) -> np.ndarray:
     return np.concatenate([*every, [cells + 1] * (length > 0)]).astype(int)
 
 
-def line_breaks(path: Path) -> int:
-    """The number of lines of a text. Raises RecordingError if a line has more than `LONGEST_LINE` bytes."""
-    return len(cells_in_lines(path, ","))
-
-
 def library(name: str, expected: str, extra: str = "io") -> ModuleType:
     """A library of an extra of jgait. Raises ImportError, with how to install it, if it is not there."""
     try:

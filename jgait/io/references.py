@@ -134,25 +134,20 @@ def _check_units(reference: Estimate) -> None:
         if way > FASTEST * seconds:
             raise RecordingError(f"column 'distance_m' is in metres; {way:.4g} m in {seconds:.4g} s is no walking")
         if table is not None:
-            _check_steps(table, time, distance)
+            start, end = as_float(table.start), as_float(table.end)
+            known = np.asarray(table.valid, bool) & (start >= time[0]) & (end <= time[-1])
+            length = float(as_float(table.length)[known].sum())
+            gained = float((np.interp(end, time, distance) - np.interp(start, time, distance))[known].sum())
+            if known.sum() >= LEAST_STRIDES and gained > LEAST_WAY and length < STEPS * gained:
+                raise RecordingError(
+                    "column 'stride_length_m' is the way of a foot from a contact to its next one; lengths of the "
+                    f"table are {length / gained:.2f} of 'distance_m' in the same time: they seem to be of steps"
+                )
     for side, leg in zip(SIDES, reference.legs, strict=True):
         bends = 180.0 if leg is None else float(np.ptp(np.rad2deg(as_float(leg.knee_angle)[valid])))
         if (way > LEAST_WAY or strides >= LEAST_STRIDES) and bends < LEAST_KNEE_DEG:
             varies = f"it varies by {bends:.2g}, which in walking is the angle in radians"
             raise RecordingError(f"column 'knee_angle_{side}_deg' is in degrees; {varies}")
-
-
-def _check_steps(strides: Strides, time: np.ndarray, distance: np.ndarray) -> None:
-    """Raise if stride lengths are half of the distance in the same time."""
-    start, end = as_float(strides.start), as_float(strides.end)
-    known = np.asarray(strides.valid, bool) & (start >= time[0]) & (end <= time[-1])
-    length = float(as_float(strides.length)[known].sum())
-    way = float((np.interp(end, time, distance) - np.interp(start, time, distance))[known].sum())
-    if known.sum() >= LEAST_STRIDES and way > LEAST_WAY and length < STEPS * way:
-        raise RecordingError(
-            "column 'stride_length_m' is the way of a foot from a contact to its next one; lengths of the table are "
-            f"{length / way:.2f} of 'distance_m' in the same time: they seem to be of steps"
-        )
 
 
 def _check_columns(table: "pd.DataFrame", known: Collection[str], needed: Collection[str], what: str) -> None:

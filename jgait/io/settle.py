@@ -13,8 +13,9 @@ import numpy as np
 from jgait.io.arrays import recording_in_units
 from jgait.io.checks.readings import placeholders_in
 from jgait.io.checks.sizes import BY_SIZE, NO_GRAVITY, are_counts, counts_without_unit, measures_gravity
-from jgait.io.clock import by_stated_rate, date_note
+from jgait.io.clock import CLOCK_BEGINS, by_stated_rate
 from jgait.io.clocks import on_one_counter, one_clock
+from jgait.io.dates import date_of
 from jgait.io.names import NOT_USED, no_placement, placement_of
 from jgait.io.part import Measured, Part
 from jgait.io.units import Unit
@@ -65,7 +66,8 @@ def settle(
         recording = by_stated_rate(recording)
     begins = {part.begin_s for part in placed.values()}
     if time is not None and len(begins) == 1 and (begin_s := begins.pop()) is not None:
-        notes.append(date_note(begin_s + float(time[0])))
+        date = date_of(begin_s + float(time[0]))
+        notes.append(CLOCK_BEGINS.note("times count from {date}, the date of the first sample", date=date))
     return recording._replace(notes=(*notes, *recording.notes))
 
 

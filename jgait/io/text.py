@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jgait.io.files import LONGEST_LINE, cells_in_lines, check_brand, check_columns, check_file, check_size
+from jgait.io.files import (
+    LONGEST_LINE,
+    LONGEST_NAME,
+    cells_in_lines,
+    check_brand,
+    check_columns,
+    check_file,
+    check_size,
+)
 from jgait.io.names import is_number, like_a_signal, unit_in_name
 from jgait.io.units import known_unit, stated_unit
 from jgait.notes import AS_READ, DATA_LOST, Note
@@ -79,8 +87,9 @@ def head_of(lines: Sequence[str], encoding: str, header: int, separator: str, la
     units = units if any(map(_is_unit, units)) and not any(map(is_number, units)) else ()
     body = below[1:] if units else below
     decimal = "," if separator != "," and any("," in lines[row] for row in body or [header]) else "."
-    return Head(split(lines[header], separator), tuple(lines[:header]), separator, body[0] if body else len(lines),
-                units, decimal, encoding)  # fmt: skip
+    above = tuple(line[:LONGEST_NAME] for line in lines[:header])
+    first = body[0] if body else len(lines)
+    return Head(split(lines[header], separator), above, separator, first, units, decimal, encoding)
 
 
 def rows_of(path: Path, head: Head, *, strict: bool) -> tuple["pd.DataFrame", tuple[Note, ...]]:

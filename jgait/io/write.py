@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 
 from jgait.estimators.totals import angles_usable
 from jgait.io.atomic import check_path, replaced
-from jgait.io.files import check_file, library, line_breaks, read_parquet, reading
+from jgait.io.files import cells_in_lines, check_file, library, read_parquet, reading
 from jgait.types import SIDES, Estimate, RangeReadings, Recording
 
 if TYPE_CHECKING:
@@ -202,13 +202,24 @@ def read_table(path: str | os.PathLike[str]) -> "pd.DataFrame":
             return read_parquet(file)
         if file.suffix.lower() == ".json":
             return pd.read_json(file, orient="records", precise_float=True)
-        line_breaks(file)
+        cells_in_lines(file, ",")
         return from_cells(pd.read_csv(file, encoding="utf-8"))
 
 
 def _written(what: PyTree, target: Path, ending: str) -> Path:
     """Write a table to a temporary file, which then replaces the target."""
-    table = _table(what)
+    import pandas as pd
+
+    if isinstance(what, Recording):
+        table = recording_to_dataframe(what)
+    elif isinstance(what, Estimate):
+        table = to_dataframe(what)
+    elif isinstance(what, Mapping):
+        parts = [part.reset_index().assign(sensor=sensor) for sensor, part in what.items()]
+        table = pd.concat(parts, ignore_index=True)
+        table = table[["sensor", *(name for name in table.columns if name != "sensor")]]
+    else:
+        table = what if all(name is None for name in what.index.names) else what.reset_index()
     if ending in PARQUET:
         library("pyarrow", "or writing Parquet files")
     with replaced(target) as part:
@@ -219,17 +230,3 @@ def _written(what: PyTree, target: Path, ending: str) -> Path:
         else:
             in_cells(table).to_csv(part, index=False, float_format="%.9g", encoding="utf-8")
     return target
-
-
-def _table(what: PyTree) -> "pd.DataFrame":
-    import pandas as pd
-
-    if isinstance(what, Recording):
-        return recording_to_dataframe(what)
-    if isinstance(what, Estimate):
-        return to_dataframe(what)
-    if isinstance(what, Mapping):
-        parts = [table.reset_index().assign(sensor=sensor) for sensor, table in what.items()]
-        whole = pd.concat(parts, ignore_index=True)
-        return whole[["sensor", *(name for name in whole.columns if name != "sensor")]]
-    return what if all(name is None for name in what.index.names) else what.reset_index()

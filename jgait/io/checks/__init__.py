@@ -74,7 +74,10 @@ def contradictions(
     rate_hz = recording.sampling_rate_hz
     if rate_hz < limits.SLOWEST_HZ or len({len(imu.time) for imu in recording.sensors.values()}) != 1:
         return Contradictions({}, ())
-    lost = {placement: _in_long_gaps(imu, rate_hz) for placement, imu in recording.sensors.items()}
+    lost = {placement: np.zeros(len(imu.mask), bool) for placement, imu in recording.sensors.items()}
+    for placement, imu in recording.sensors.items():
+        for start, end in _long_gaps(np.asarray(imu.mask, bool), rate_hz):
+            lost[placement][start:end] = True
     sensors = {placement: _bridged(imu, lost[placement]) for placement, imu in recording.sensors.items()}
     slow = {
         placement: note
@@ -130,14 +133,6 @@ def _of_legs(sensors: Mapping[str, Imu], rate_hz: float) -> tuple[dict[str, Sens
         if {upper, lower} <= with_acc and not {upper, lower}.intersection(moved):
             late[lower] = SensorQuality(late=late_behind(upper, lower, sensors, rate_hz))
     return late, [*(places.notes() if places and moved else []), *writer.contradictions(late)]
-
-
-def _in_long_gaps(imu: Imu, rate_hz: float) -> np.ndarray:
-    """(T,) bool, samples in gaps that are too long to be bridged."""
-    lost = np.zeros(len(imu.mask), bool)
-    for start, end in _long_gaps(np.asarray(imu.mask, bool), rate_hz):
-        lost[start:end] = True
-    return lost
 
 
 def _bridged(imu: Imu, lost: np.ndarray) -> Imu:

@@ -7,6 +7,7 @@ import numpy as np
 
 from jgait.estimators.checks import FASTEST, busy, fast_rate
 from jgait.geometry.vectors import GRAVITY
+from jgait.io.checks.readings import SIGNALS
 from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, unit_of_gravity
 from jgait.notes import Kind
 from jgait.quality import SensorQuality
@@ -46,8 +47,6 @@ BY_SIZE = {
                         "use read_csv and "),
 }  # fmt: skip
 """Signal → sizes in walking; none of the gyroscope's and the accelerometer's are in two units."""
-
-SIGNALS = {"gyr": "gyroscope", "acc": "accelerometer"}
 
 RAW_COUNTS = "its numbers are whole, as raw counts of a converter are."
 
@@ -190,7 +189,7 @@ def are_counts(values: np.ndarray) -> bool:
 def counts_without_unit(where: str, kind: str, name: str) -> RecordingError:
     """The error about whole numbers without a unit."""
     return RecordingError(
-        f"{name}: the {SIGNALS[kind]} of {where} has whole numbers and no unit, as raw counts have: multiply its "
+        f"{name}: the {SIGNALS[kind][0]} of {where} has whole numbers and no unit, as raw counts have: multiply its "
         "columns by the sensor's sensitivity, or state their unit by {argument}",
         argument=f"{kind}_unit",
     )

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jgait.io.files import check_columns, check_file, check_size, library, plain, positive, three_columns
-from jgait.io.formats.text import read_rows
+from jgait.io.formats.text import Rows
 from jgait.io.part import Measured, Part, on_one_zero
-from jgait.io.text import first_lines, head_of, split
+from jgait.io.text import first_lines, head_of, rows_of, split
 from jgait.notes import DEDUCED, Note
 from jgait.types import RecordingError
 
@@ -81,7 +81,7 @@ def _csv(path: Path) -> Measured:
     names, signals, axes = (split(line, ",") for line in lines[:3])
     check_columns(names, path.name)
     head = head_of(lines, encoding, 2, ",")
-    rows = read_rows(path, head)
+    rows = Rows(path, head, *rows_of(path, head, strict=True))
     named = [i for i, name in enumerate(names) if i and name]
     begins, labels = named[::2], [names[i] for i in named[1::2]]
     if not labels or len(begins) != len(labels):

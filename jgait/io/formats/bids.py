@@ -22,12 +22,12 @@ from jgait.io.clock import TIME_UNITS
 from jgait.io.clocks import SAME_RATE
 from jgait.io.files import (
     Tree,
+    cells_in_lines,
     check_columns,
     check_file,
     check_size,
     json_object,
     library,
-    line_breaks,
     numbers,
     positive,
 )
@@ -61,7 +61,13 @@ def measured(path: Path) -> Measured:
     """Every tracked point of a motion file that has a gyroscope; the errors have file, expected and actual content."""
     check_file(path, EXPECTED)
     stem = re.sub(r"_motion\.tsv(\.gz)?$", "", path.name)
-    channels, about, notes = _channels(path, stem), _about(path, stem), list[Note]()
+    channels, notes = _channels(path, stem), list[Note]()
+    stated = _inherited(path, stem, "motion.json")
+    if not stated:
+        raise RecordingError(f"{path.name} needs {stem}_motion.json, which states its SamplingFrequency; there is none")
+    about: Tree = {}
+    for file in reversed(stated):  # a nearer one overrules
+        about |= json_object(file)
     values = _values(path, list(channels["name"]), notes)
     nominal = positive(about.get("SamplingFrequency"))
     rate = positive(about.get("SamplingFrequencyEffective"), nominal)
@@ -104,7 +110,7 @@ def _table(file: Path, **options: Any) -> "pd.DataFrame":
             declared = int.from_bytes(stream.read(), "little")
         check_size(declared + (2**32 if declared < file.stat().st_size // 2 else 0), file)
     else:
-        line_breaks(file)
+        cells_in_lines(file, ",")
     try:
         return pandas.read_csv(file, sep="\t", na_values=["n/a"], encoding="utf-8-sig", **options)
     except (pandas.errors.ParserError, pandas.errors.EmptyDataError, ValueError, EOFError) as error:
@@ -126,17 +132,6 @@ def _channels(path: Path, stem: str) -> "pd.DataFrame":
     table["type"] = table["type"].str.upper().replace({"ACC": "ACCEL", "GYR": "GYRO"})
     table["component"] = table["component"].str.lower()
     return table.reset_index(drop=True)
-
-
-def _about(path: Path, stem: str) -> Tree:
-    """The content of `motion.json`; a file in a nearer folder overrules a file in a higher folder."""
-    content: Tree = {}
-    files = _inherited(path, stem, "motion.json")
-    if not files:
-        raise RecordingError(f"{path.name} needs {stem}_motion.json, which states its SamplingFrequency; there is none")
-    for file in reversed(files):
-        content |= json_object(file)
-    return content
 
 
 def _values(path: Path, names: list[str], notes: list[Note]) -> np.ndarray:

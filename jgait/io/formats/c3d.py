@@ -117,7 +117,11 @@ def _capture(file: Path, raw: Tree, unit: str | None, up: str | None) -> Capture
     """The capture in ezc3d's tree; arguments as of `read_c3d`."""
     parameters = raw["parameters"]
     notes: list[Note] = []
-    rate, first = _rate(raw, file), int(raw["header"]["points"]["first_frame"])
+    stated = parameters.get("POINT", {}).get("RATE", {"value": []})["value"]
+    rate = float(stated[0]) if len(stated) and stated[0] > 0 else float(raw["header"]["points"]["frame_rate"])
+    if not (np.isfinite(rate) and rate > 0.0):
+        raise RecordingError(f"{file.name} states no rate of its frames: POINT:RATE is {list(stated)}")
+    first = int(raw["header"]["points"]["first_frame"])
     values = np.moveaxis(np.asarray(raw["data"]["points"], np.float64)[:3], 0, 2)  # (markers, T, 3)
     samples = values.shape[1]
     labels, subject = _labels(_texts(parameters, "POINT", "LABELS"), len(values), notes)
@@ -203,14 +207,6 @@ def _texts(parameters: Tree, group: str, key: str) -> list[str]:
             break
         texts += [plain(value) for value in each["value"]]
     return texts
-
-
-def _rate(raw: Tree, file: Path) -> float:
-    stated = raw["parameters"].get("POINT", {}).get("RATE", {"value": []})["value"]
-    rate = float(stated[0]) if len(stated) and stated[0] > 0 else float(raw["header"]["points"]["frame_rate"])
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise RecordingError(f"{file.name} states no rate of its frames: POINT:RATE is {list(stated)}")
-    return rate
 
 
 def _labels(texts: list[str], count: int, notes: list[Note]) -> tuple[list[str], str | None]:

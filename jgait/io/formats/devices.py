@@ -55,7 +55,7 @@ FULL, OFTEN = 1.9, 1e-3
 
 def _rate(rows: Rows) -> float | None:
     """The sampling rate [Hz] that the lines above the header state."""
-    stated = RATE.search("\n".join(rows.before))
+    stated = RATE.search("\n".join(rows.head.above))
     return float(next(filter(None, stated.groups()))) if stated else None
 
 
@@ -72,9 +72,9 @@ def _is_mtw(path: Path, head: bytes) -> bool:
 def _xsens(rows: Rows) -> tuple[np.ndarray, np.ndarray]:
     """Gyroscope and accelerometer, (T, 3) each. Raises RecordingError if there are others in their place."""
     if rows.where("Acc_X") is None:
-        names = [column for column in rows.header if column.lower().startswith("freeacc")]
+        names = [column for column in rows.head.names if column.lower().startswith("freeacc")]
         what = f"only acceleration from which gravity was taken off ({', '.join(names)})" if names else ""
-        if any(column.lower().startswith(("dv[", "dv_", "dq_", "velinc", "oriinc")) for column in rows.header):
+        if any(column.lower().startswith(("dv[", "dv_", "dq_", "velinc", "oriinc")) for column in rows.head.names):
             what = what or "increments (dq, dv) and no rates"
         if what:
             needed = "expected Acc_X, Acc_Y, Acc_Z, Gyr_X, …: export or record inertial data"
@@ -90,7 +90,7 @@ def _counted(rows: Rows, column: str, bits: int) -> np.ndarray | None:
     if len(lost) == len(values):
         return None
     if len(lost):
-        raise RecordingError(f"{rows.path.name}, line {rows.first_line + lost[0]}: {column} is empty")
+        raise RecordingError(f"{rows.path.name}, line {rows.head.first + 1 + lost[0]}: {column} is empty")
     return np.unwrap(values, period=2**bits)
 
 
@@ -124,7 +124,7 @@ def _dot(rows: Rows) -> Measured:
     if stamps is None:
         packets = _counted(rows, COUNTER, 32)
     part = Part(
-        _facts(rows.before).get("devicetag") or rows.path.stem, gyr, acc, None if stamps is None else 1e-6 * stamps,
+        _facts(rows.head.above).get("devicetag") or rows.path.stem, gyr, acc, None if stamps is None else 1e-6 * stamps,
         _rate(rows) if stamps is None else None, "deg/s", "m/s^2", packets=packets,
     )  # fmt: skip
     return Measured([part], rows.path.stem)
@@ -148,12 +148,12 @@ def _synchronised(whole: Measured, files: Sequence[Path]) -> Measured:
 def _shimmer(rows: Rows) -> Measured:
     """All devices of a file."""
     signals_of: dict[str, dict[str, set[str]]] = {}
-    for match in filter(None, map(SHIMMER.match, rows.header)):
+    for match in filter(None, map(SHIMMER.match, rows.head.names)):
         signals_of.setdefault(match["device"], {}).setdefault(match["signal"], set()).add(match["kind"])
     notes: list[Note] = []
     parts = [_shimmer_part(rows, device, kinds, notes) for device, kinds in signals_of.items() if "Gyro" in kinds]
     if not parts:
-        there = ", ".join(filter(None, rows.header))
+        there = ", ".join(filter(None, rows.head.names))
         raise RecordingError(f"{rows.path.name} holds no gyroscope; expected {SHIMMERS}; it has {there}")
     return Measured(parts, rows.path.stem, notes=tuple(notes))
 
@@ -187,7 +187,7 @@ def _shimmer_time(rows: Rows, device: str) -> np.ndarray | None:
     """(T,) [s], NaN in rows without this device; Unix time before the device's own."""
     import pandas as pd
 
-    stamps = {cell: match for cell in rows.header if (match := STAMP.match(cell))}
+    stamps = {cell: match for cell in rows.head.names if (match := STAMP.match(cell))}
     cells = {match["how"] or "": cell for cell, match in stamps.items() if match["device"] == device}
     how = next((how for how in ("Unix", "FormattedUnix", "Shimmer", "RC", "") if how in cells), None)
     if how is None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.files import LONGEST_NAME, check_columns, check_file, numbers
+from jgait.io.files import check_columns, check_file, numbers
 from jgait.io.names import is_number
 from jgait.io.part import Measured, joined
 from jgait.io.text import HEADER_WITHIN, Head, first_lines, head_of, rows_of, separator_of, split
@@ -29,25 +29,21 @@ HEAD = 4096  # [bytes] number of first bytes of a file that are read to recognis
 class Rows(NamedTuple):
     """A table in a text file."""
 
-    path: Path  #: the file.
-    before: tuple[str, ...]  #: lines above the header.
-    #: names of the columns, without blanks, quotes, and units in parentheses where the format has them there.
-    header: tuple[str, ...]
-    first_line: int  #: number of the first row's line in the file, from 1.
-    units: tuple[str, ...]  #: unit of each column as the file states it, "" where it states none; or ().
+    path: Path
+    head: Head
     cells: "pd.DataFrame"  #: (rows, columns), columns by position.
-    notes: tuple[Note, ...] = ()  #: the note about a last row that is cut off.
+    notes: tuple[Note, ...]  #: the note about a last row that is cut off.
 
     def where(self, column: str) -> int | None:
         """Position of a column, without regard to case; None if there is none."""
-        plain = [name.lower() for name in self.header]
+        plain = [name.lower() for name in self.head.names]
         return plain.index(column.lower()) if column.lower() in plain else None
 
     def numbers(self, column: int) -> np.ndarray:
         """(T,) a column as numbers, NaN where empty. Raises RecordingError for a cell that holds something else."""
         values, wrong = numbers(self.cells[column])
         if len(wrong):
-            where = f"line {self.first_line + wrong.index[0]}: column {self.header[column]!r}"
+            where = f"line {self.head.first + 1 + wrong.index[0]}: column {self.head.names[column]!r}"
             raise RecordingError(f"{self.path.name}, {where} must hold numbers; found {wrong.iloc[0]!r}")
         return values
 
@@ -55,10 +51,12 @@ class Rows(NamedTuple):
         """(T,) a column of times in seconds; in the default unit where the file states none. Raises RecordingError for
         a unit other than those of `TIME_UNITS`.
         """
-        unit = (self.units[column] if column < len(self.units) else "") or default
+        unit = (self.head.units[column] if column < len(self.head.units) else "") or default
         if unit not in TIME_UNITS:
             expected = ", ".join(TIME_UNITS)
-            raise RecordingError(f"{self.path.name}: {self.header[column]} is in {unit!r}; expected one of {expected}")
+            raise RecordingError(
+                f"{self.path.name}: {self.head.names[column]} is in {unit!r}; expected one of {expected}"
+            )
         return TIME_UNITS[unit] * self.numbers(column)
 
     def signal(self, pattern: str) -> tuple[np.ndarray, str | None]:
@@ -69,9 +67,9 @@ class Rows(NamedTuple):
         places = [place for column in columns if (place := self.where(column)) is not None]
         if len(places) < len(columns):
             lacking = next(column for column in columns if self.where(column) is None)
-            there = ", ".join(filter(None, self.header))
+            there = ", ".join(filter(None, self.head.names))
             raise RecordingError(f"{self.path.name} lacks the column {lacking!r}; it has {there}")
-        stated = {self.units[place] if place < len(self.units) else "" for place in places}
+        stated = {self.head.units[place] if place < len(self.head.units) else "" for place in places}
         known = {known_unit(unit) for unit in stated}
         if stated != {""} and (len(known) > 1 or None in known):
             raw = (
@@ -148,20 +146,13 @@ class TextFormat(NamedTuple):
         if self.in_header:
             names, units = zip(*(name.removesuffix(")").partition(" (")[::2] for name in names), strict=True)
             head = head._replace(names=names, units=units)
-        return read_rows(path, head)
+        return Rows(path, head, *rows_of(path, head, strict=True))
 
 
 def first_bytes(file: Path) -> bytes:
     """The first bytes of a file, by which its format is recognised."""
     with file.open("rb") as stream:
         return stream.read(HEAD)
-
-
-def read_rows(path: Path, head: Head) -> Rows:
-    """The table below a head; errors as of `TextFormat.read`."""
-    cells, notes = rows_of(path, head, strict=True)
-    before = tuple(line[:LONGEST_NAME] for line in head.above)
-    return Rows(path, before, head.names, head.first + 1, head.units, cells, notes)
 
 
 def _whole_header(lines: Sequence[str], row: int, separator: str) -> tuple[tuple[str, ...], int]:
