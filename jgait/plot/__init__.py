@@ -19,14 +19,13 @@ figures of the library. Functions for the papers' figures of data:
 from jgait.plot.cohort import before_after, bland_altman, per_subject
 from jgait.plot.duty import sleeping_gyroscopes
 from jgait.plot.explain import explanation, study
-from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series
+from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series, two_feet
 from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
 from jgait.plot.signals import signals
 from jgait.plot.style import save
 from jgait.plot.tuning import correlation, profile, training
 from jgait.plot.waist import trunk_contacts
 from jgait.plot.walk import stick_figure, stride_signals
-from jgait.plot.widths import two_feet
 
 __all__ = [
     "before_after",

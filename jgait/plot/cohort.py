@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.evaluate.statistics import Limits, limits_of_agreement, paired_difference, require_columns
-from jgait.plot.style import BLUE, DASHED, RED, REFERENCE, Axes, Figure, Style, blank
+from jgait.plot.style import BLUE, DASHED, RED, REFERENCE, Axes, Figure, Style, single
 from jgait.types import numbered_people, people
 
 if TYPE_CHECKING:
@@ -41,24 +41,12 @@ def _rows(table: "pd.DataFrame", quantity: str) -> "pd.DataFrame":
     return chosen[finite].assign(subject=people(chosen["subject"][finite]))
 
 
-def bland_altman(
-    table: "pd.DataFrame",
-    quantity: str,
-    *,
-    unit: str = "",
-) -> Figure:
+def bland_altman(table: "pd.DataFrame", quantity: str, *, unit: str = "") -> Figure:
     """Difference against mean of estimate and reference, with bias and limits of agreement and their intervals.
 
-    The limits enclose 95 % of the differences. Up to `FEW` subjects are marked in different shapes and colours.
-
-    Args:
-        table: long, with columns `quantity`, `estimate`, `reference` and `subject`, as `jgait.evaluate.agreement` takes
-            it; rows of one subject are repeated measurements, rows that are not finite are left out.
-        quantity: name of the quantity.
-        unit: of estimate and reference, for the axes.
-
-    Raises:
-        ValueError: if a column or the quantity is missing, or there are fewer than two subjects.
+    The table is long, with columns `quantity`, `estimate`, `reference` and `subject`, as `jgait.evaluate.agreement`
+    takes it; rows of one subject are repeated measurements. Up to `FEW` subjects are marked in different shapes and
+    colours. Raises ValueError if a column or the quantity is missing, or there are fewer than two subjects.
     """
     rows = _rows(table, quantity)
     names, codes = numbered_people(rows["subject"])
@@ -66,8 +54,7 @@ def bland_altman(
     estimate, reference = (rows[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
     limits = limits_of_agreement(estimate, reference, subjects=codes)
     mean, difference = (estimate + reference) / 2.0, estimate - reference
-    figure, axes = blank(1, 1, 7.0, 4.2)
-    axis = axes[0, 0]
+    figure, axis = single(7.0, 4.2)
     ends = np.array([difference.min(), limits.lower_low, difference.max(), limits.upper_high])
     # if all differences are rounding errors, the axes still have a height above 0
     room = max(0.04 * np.ptp(ends), 1e-6 * np.abs(mean).max(), np.finfo(float).tiny)
@@ -91,19 +78,15 @@ def bland_altman(
 def _limits(axis: Axes, limits: Limits, unit: str) -> None:
     """Draw bias and limits as lines, and write their values and intervals beside the axes."""
     axis.axhline(0.0, color="0.75", linewidth=0.8, zorder=0)
-    beside = axis.get_yaxis_transform()
-    lines = (
-        ("bias", "-", 1.035, limits.bias, limits.bias_low, limits.bias_high),
-        ("upper 95 %", DASHED, 1.015, limits.upper, limits.upper_low, limits.upper_high),
-        ("lower 95 %", DASHED, 1.015, limits.lower, limits.lower_low, limits.lower_high),
-    )
-    for _, style, at, value, low, high in lines:
+    beside, bias = axis.get_yaxis_transform(), limits.bias
+    apart = 0.11 * float(np.ptp(axis.get_ylim()))  # labels of two lines do not overlap
+    for name, style, at, value, low, high, place in (
+        ("bias", "-", 1.035, bias, limits.bias_low, limits.bias_high, bias),
+        ("upper 95 %", DASHED, 1.015, *limits[7:10], max(limits.upper, bias + apart)),
+        ("lower 95 %", DASHED, 1.015, *limits[4:7], min(limits.lower, bias - apart)),
+    ):
         axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
         axis.plot([at, at], [low, high], "_-", color="black", transform=beside, clip_on=False, markersize=6)
-    bottom, top = axis.get_ylim()
-    apart = 0.11 * (top - bottom)  # labels of two lines do not overlap
-    places = (limits.bias, max(limits.upper, limits.bias + apart), min(limits.lower, limits.bias - apart))
-    for (name, _, _, value, _, _), place in zip(lines, places, strict=True):
         text = f"{name}\n{_number(value)}{' ' + unit if unit else ''}"
         axis.text(1.05, place, text, transform=beside, fontsize=8, va="center")
 
@@ -121,8 +104,7 @@ def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", title: 
     size = (rows["estimate"] - rows["reference"]).abs().astype(float)
     sizes = {str(name): values.to_numpy() for name, values in size.groupby(rows["subject"], sort=True)}
     names = sorted(sizes, key=lambda name: (float(np.median(sizes[name])), sizes[name].max()))
-    figure, axes = blank(1, 1, 6.4, _height(len(names)))
-    axis = axes[0, 0]
+    figure, axis = _list(names)
     for row, name in enumerate(names):
         low, middle, high = np.quantile(sizes[name], [0.25, 0.5, 0.75])
         label = {} if row else {"half": "middle half", "median": "median", "worst": "worst"}
@@ -132,7 +114,6 @@ def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", title: 
         axis.plot(sizes[name].max(), row, label=label.get("worst"), **WORST)
     whole = float(np.median([np.median(values) for values in sizes.values()]))
     axis.axvline(whole, zorder=0, label="median of the subjects' medians", **REFERENCE)
-    _named(axis, names)
     axis.set_xlim(left=0.0)
     axis.set_xlabel(_unit(f"{quantity}: |estimate − reference|", unit))
     axis.set_title(title or f"{len(rows)} measurements of {len(names)} subjects", fontsize=10)
@@ -140,36 +121,27 @@ def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", title: 
     return figure
 
 
-def _height(rows: int) -> float:
-    """Height of a figure with one row a subject [inch]."""
-    return float(np.clip(1.6 + 0.22 * rows, 2.6, 14.0))
-
-
-def _named(axis: Axes, names: list[str]) -> None:
+def _list(names: list[str]) -> tuple[Figure, Axes]:
+    """A figure with one row a subject, the first on top."""
+    figure, axis = single(6.4, float(np.clip(1.6 + 0.22 * len(names), 2.6, 14.0)))
     axis.set_yticks(range(len(names)), names, fontsize=8 if len(names) <= 50 else 5)
     axis.set_ylim(len(names) - 0.4, -0.6)
     axis.grid(alpha=0.3, axis="x")
+    return figure, axis
 
 
 def before_after(table: "pd.DataFrame", *, unit: str = "", name: str = "|error|", title: str = "") -> Figure:
     """Each subject's error before and after a change, the largest before on top, dashed where the error increased.
 
-    Args:
-        table: columns `subject`, `error_before` and `error_after`, sizes of errors; a subject's rows are averaged.
-        unit: of the errors, for the axis.
-        name: name of the quantity, for the axis.
-        title: above the figure, before the numbers.
-
-    Raises:
-        ValueError: if a column is missing, a value is not finite or there are fewer than two subjects.
+    The table has columns `subject`, `error_before` and `error_after`, sizes of errors; a subject's rows are averaged.
+    Raises ValueError if a column is missing, a value is not finite or there are fewer than two subjects.
     """
     require_columns(table, ("subject", "error_before", "error_after"))
     change = paired_difference(table["error_before"], table["error_after"], table["subject"], seed=0)
     means = table.assign(subject=people(table["subject"])).groupby("subject")[["error_before", "error_after"]].mean()
     means = means.sort_values("error_before", ascending=False, kind="stable")
     before, after = (means[column].to_numpy(dtype=float) for column in ("error_before", "error_after"))
-    figure, axes = blank(1, 1, 6.4, _height(len(means)))
-    axis = axes[0, 0]
+    figure, axis = _list(list(means.index))
     for row, (first, second) in enumerate(zip(before, after, strict=True)):
         style = {"color": RED, "linestyle": (0, (2, 1))} if second > first else {"color": "0.5"}
         axis.plot([first, second], [row, row], linewidth=1.8, zorder=1, **style)
@@ -178,14 +150,11 @@ def before_after(table: "pd.DataFrame", *, unit: str = "", name: str = "|error|"
     axis.scatter(after, rows, s=24, color="black", zorder=3, label="after")
     axis.axvline(np.median(before), zorder=0, label="median before", **REFERENCE)
     axis.axvline(np.median(after), zorder=0, label="median after", color="black", linewidth=1.2)
-    _named(axis, list(means.index))
     axis.set_xlim(left=0.0)
     axis.set_xlabel(_unit(name, unit))
-    numbers = f"{_number(change.low)} to {_number(change.high)}"
-    summary = (
-        f"median change {_number(change.estimate)} ({numbers}){' ' + unit if unit else ''}; "
-        f"{change.better} better, {change.worse} worse"
-    )
+    low, median, high = map(_number, (change.low, change.estimate, change.high))
+    summary = f"median change {median} ({low} to {high}){' ' + unit if unit else ''}"
+    summary += f"; {change.better} better, {change.worse} worse"
     axis.set_title(f"{title}\n{summary}" if title else summary, fontsize=10)
     figure.legend(loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     return figure

@@ -3,19 +3,7 @@
 import numpy as np
 
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
-from jgait.plot.style import (
-    BLUE,
-    DEGREES,
-    GROUND,
-    Axes,
-    Figure,
-    Seconds,
-    Style,
-    band,
-    legend,
-    panels,
-    windowed,
-)
+from jgait.plot.style import BLUE, DEGREES, GROUND, Axes, Figure, Seconds, Style, band, legend, panels, windowed
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, as_float
 
@@ -27,20 +15,16 @@ RATES: tuple[tuple[int, str, Style], ...] = (
 )
 """Origin of a sample, its name and its line; the lines differ in width, dashes and colour."""
 
-ANGLES: tuple[tuple[str, Style], ...] = (
-    ("hip", {"color": BLUE, "linewidth": 1.6}),
-    ("knee", {"color": "#5b2c83", "linewidth": 1.1}),
-)
+ANGLES: dict[str, Style] = {
+    "hip": {"color": BLUE, "linewidth": 1.6}, "knee": {"color": "#5b2c83", "linewidth": 1.1},
+}  # fmt: skip
 
 
 def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
     """Angles and gyroscope rates of every leg over time; the background is grey while a gyroscope sleeps.
 
     A column for each leg: hip and knee, or the segment's angle with one sensor alone, above the rate of each sensor.
-    Where the estimate is not valid, no angles are drawn. The window `seconds` is from and to [s].
-
-    Raises:
-        ValueError: if the estimate has no gyroscope with filled gaps.
+    The window `seconds` is from and to [s]. Raises ValueError if the estimate has no gyroscope with filled gaps.
     """
     names = [f"{segment}_{side}" for side in SIDES for segment in ("thigh", "shank")]
     names = [name for name in names if f"how_{name}" in estimate.diagnostics]
@@ -91,20 +75,16 @@ def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np
     shade_sleep(axis, time, asleep)
     leg = getattr(estimate.legs, side)
     if leg is None:
-        lines = [
-            (f"{name.split('_')[0]} angle", diagnostics[f"angle_{name}"], diagnostics[f"angle_stddev_{name}"])
-            for name in worn
-        ]
-        styles = [ANGLES[1][1]] * len(lines)
+        lines = [(f"{name.split('_')[0]} angle", ANGLES["knee"], diagnostics[f"angle_{name}"],
+                  diagnostics[f"angle_stddev_{name}"]) for name in worn]  # fmt: skip
         axis.set_ylabel("angle [°]")
     else:
         spread = None if estimate.stddev is None else getattr(estimate.stddev, side)
-        fields = [(f"{joint} flexion", f"{joint}_angle") for joint, _ in ANGLES]
-        lines = [(word, getattr(leg, f), None if spread is None else getattr(spread, f)) for word, f in fields]
-        styles = [style for _, style in ANGLES]
+        lines = [(f"{joint} flexion", style, getattr(leg, f"{joint}_angle"), getattr(spread, f"{joint}_angle", None))
+                 for joint, style in ANGLES.items()]  # fmt: skip
         axis.set_ylabel("flexion [°]")
     valid = np.asarray(estimate.valid, bool)[part]
-    for (word, values, deviation), style in zip(lines, styles, strict=True):
+    for word, style, values, deviation in lines:
         angle = np.where(valid, DEGREES * as_float(values)[part], np.nan)
         if deviation is not None:
             band(axis, time, angle, DEGREES * as_float(deviation)[part], label=None, color=style["color"], alpha=0.22)

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from jgait.estimators.columns import QUANTITIES
-from jgait.plot.style import BLUE, RED, Figure, blank
+from jgait.plot.style import BLUE, RED, Figure, single
 from jgait.tune import Explanation
 
 if TYPE_CHECKING:
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def explanation(explained: Explanation, *, title: str = "") -> Figure:
     """Bars of the effects of each assumption on a number, the largest first; see `jgait.tune.explain`."""
     rows = [a for a in explained.assumptions if a.share >= 5e-4][:10]
-    figure, ((axis,),) = blank(1, 1, 6.5, 0.9 + 0.3 * max(len(rows), 1))
+    figure, axis = single(6.5, 0.9 + 0.3 * max(len(rows), 1))
     factor, unit = explained.small
     effects = [factor * abs(a.effect) for a in rows]
     bars = axis.barh([a.words for a in rows], effects, color=BLUE, edgecolor="black", linewidth=0.6)
@@ -26,17 +26,14 @@ def explanation(explained: Explanation, *, title: str = "") -> Figure:
 
 
 def study(table: "pd.DataFrame", measure: str, *, within: float | None = None, title: str = "") -> Figure:
-    """Expected error of each set-up that has one, the smallest first, and its bias; see `jgait.evaluate.study.plan`.
+    """Expected error of each set-up that has one, the smallest first, and its bias.
 
-    Args:
-        table: of `plan`, with a column `name`.
-        measure: the measure of the table.
-        within: largest error that is wanted, in the unit of the table; drawn as a line.
-        title: above the figure.
+    The table is of `jgait.evaluate.study.plan` for the measure, with a column `name`; `within`, the largest error that
+    is wanted, in the unit of the table, is drawn as a line.
     """
     rows, column = table[table["walks"] > 0].sort_values("expected"), QUANTITIES[measure]
     factor, unit = (100.0, "cm") if column.unit == "m" else (1.0, column.shown)
-    figure, ((axis,),) = blank(1, 1, 6.5, 1.3 + 0.26 * max(len(rows), 1))
+    figure, axis = single(6.5, 1.3 + 0.26 * max(len(rows), 1))
     axis.barh(
         rows["name"], factor * rows["expected"], xerr=factor * rows["expected_sd"], color=BLUE, edgecolor="black",
         linewidth=0.6, capsize=3, label="expected, ± its standard deviation",

@@ -1,8 +1,9 @@
-"""Figures of feet: trajectories from above and from the side, and strides over time.
+"""Figures of feet: trajectories from above and from the side, strides over time, and widths of strides.
 
 The right foot is black with dots, the left foot light blue with squares: they also differ in grey.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from jgait.estimators import stride_flags
 from jgait.estimators.columns import COLUMNS, Column
 from jgait.evaluate.errors import common_samples, yaw_aligned
 from jgait.io.strides import strides_to_dataframe
-from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, windowed
+from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, single, windowed
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ REFERENCE: dict[str, Style] = {
     "right": {"color": "#7b1d12", "linewidth": 1.0, "linestyle": (0, (5, 2))},
     "left": {"color": RED, "linewidth": 1.1, "linestyle": (0, (1, 1.4))},
 }
+ACROSS: Style = {"color": RED, "linewidth": 0.9}
 
 
 def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
@@ -67,27 +69,25 @@ def shown(estimate: Estimate, foot: FootTrajectory, seconds: Seconds = None) -> 
 
 
 def foot_paths(estimate: Estimate, reference: Estimate | None = None, *, title: str = "") -> Figure:
-    """Both feet from above, footholds marked; axes equal.
-
-    Each foot of `foot_ins` has a separate world frame, with the origin at the foot's start and x along its first
-    stride. Feet of the reference, right dashed, left dotted, are turned about the vertical and shifted to fit the
-    estimate.
-
-    Raises:
-        ValueError: if the estimate has no feet.
+    """Both feet from above, footholds marked; axes equal. Each foot of `foot_ins` has a world frame of its own, with x
+    along its first stride; the reference, dashed or dotted, is turned and shifted to fit. Raises ValueError without
+    feet.
     """
     feet = feet_of(estimate)
     ways = {side: shown(estimate, foot) for side, foot in feet.items()}
-    figure, axes = panels(1, 1, 8.6, 1.3 + height_of(ways, 7.6))
-    axis = axes[0, 0]
+    figure, axis = single(8.6, 1.3 + height_of(ways, 7.6))
     for side, way in ways.items():
         axis.plot(way[:, 0], way[:, 1], label=f"{side} foot", **FOOT[side])
         holds = places_at(estimate, feet[side], footholds(estimate, side))
         axis.plot(holds[:, 0], holds[:, 1], **FOOTHOLD[side])
-    for side in feet:
-        known = None if reference is None else _fitted(reference, estimate, side)
-        if known is not None:
-            axis.plot(known[:, 0], known[:, 1], label=f"reference, {side}", **REFERENCE[side])
+    for side, foot in feet.items():
+        known = None if reference is None or reference.feet is None else getattr(reference.feet, side)
+        if reference is not None and known is not None:
+            common = common_samples(estimate, reference)
+            ours = places_at(estimate, foot, as_float(reference.time)[common])
+            fitted = np.full((common.size, 3), np.nan)
+            fitted[common] = yaw_aligned(as_float(known.position)[common], ours)
+            axis.plot(fitted[:, 0], fitted[:, 1], label=f"reference, {side}", **REFERENCE[side])
     plan_of(axis)
     legend(figure, title, columns=5)
     return figure
@@ -100,19 +100,6 @@ def height_of(ways: dict[str, np.ndarray], width: float) -> float:
     return float(np.clip(width * extent[1] / extent[0], 1.5, 6.0))
 
 
-def _fitted(reference: Estimate, estimate: Estimate, side: str) -> np.ndarray | None:
-    """The reference's trajectory of one foot, turned about the vertical and shifted onto the estimate's; or None."""
-    foot = None if reference.feet is None else getattr(reference.feet, side)
-    if foot is None or estimate.feet is None:
-        return None
-    common = common_samples(estimate, reference)
-    theirs = as_float(foot.position)[common]
-    ours = places_at(estimate, getattr(estimate.feet, side), as_float(reference.time)[common])
-    places = np.full((common.size, 3), np.nan)
-    places[common] = yaw_aligned(theirs, ours)
-    return places
-
-
 def plan_of(axis: Axes) -> None:
     """Label the axes for a view from above."""
     axis.set_aspect("equal", adjustable="datalim")
@@ -122,10 +109,8 @@ def plan_of(axis: Axes) -> None:
 
 
 def foot_height(estimate: Estimate, *, title: str = "") -> Figure:
-    """Each foot from the side: its height along its way, footholds marked; heights are drawn larger than lengths.
-
-    Raises:
-        ValueError: if the estimate has no feet.
+    """Each foot from the side, footholds marked; heights are drawn larger. Raises ValueError if the estimate has no
+    feet.
     """
     feet = feet_of(estimate)
     figure, axes = panels(len(feet), 1, 8.6, 2.1 * len(feet) + 0.9, sharex=True)
@@ -146,35 +131,22 @@ def foot_height(estimate: Estimate, *, title: str = "") -> Figure:
 def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
     """Length, width and rise of every stride over time, with bars of two standard deviations where they are stated.
 
-    Widths that the estimator does not trust (`diagnostics["width_valid"]`) are hollow and without bars; flags are marks
-    around a stride.
-
-    Raises:
-        ValueError: if the estimate has no strides, or none of them is valid.
+    Widths that are not trusted (`diagnostics["width_valid"]`) are hollow and without bars; flags are marks around a
+    stride. Raises ValueError if no stride is valid.
     """
-    figure = _series(estimate, ("stride_length_m", "stride_width_m", "stride_height_m"), "foot", joined=False)
-    legend(figure, title, columns=5)
-    return figure
+    return _series(estimate, ("stride_length_m", "stride_width_m", "stride_height_m"), "foot", title)
 
 
 def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
-    """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks.
-
-    The estimate is of `ankle_stride`, or any with `strides`, with or without the flags of `SPECIAL`.
-
-    Raises:
-        ValueError: if the estimate has no strides, or none of them is valid.
+    """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks, of any
+    estimate with strides. Raises ValueError if no stride is valid.
     """
-    figure = _series(
-        estimate, ("stride_length_m", "stride_duration_s", "stride_height_m", "turn_deg"), "leg", joined=True
-    )
-    legend(figure, title)
-    return figure
+    return _series(estimate, ("stride_length_m", "stride_duration_s", "stride_height_m", "turn_deg"), "leg", title)
 
 
-def _series(estimate: Estimate, columns: Sequence[str], part: str, *, joined: bool) -> Figure:
-    """A figure with one row for each column of the table of strides that any stride has."""
-    table = strides_to_dataframe(estimate)
+def _series(estimate: Estimate, columns: Sequence[str], part: str, title: str) -> Figure:
+    """A figure with one row for each column of the table of strides that any stride has; those of legs are joined."""
+    table, joined = strides_to_dataframe(estimate), part == "leg"
     if not len(table):
         raise ValueError("no stride is valid: there is nothing to draw")
     present = [COLUMNS[name] for name in columns if name in table and table[name].notna().any()]
@@ -192,14 +164,15 @@ def _series(estimate: Estimate, columns: Sequence[str], part: str, *, joined: bo
             if column.quantity in ("stride_height", "turn"):
                 axis.axhline(0.0, color="0.6", linewidth=0.8)
     axes[-1, 0].set_xlabel("time [s]")
+    legend(figure, title, columns=4 if joined else 5)
     return figure
 
 
 def series_of(
     axis: Axes, table: "pd.DataFrame", column: Column, *, labelled: bool, part: str = "foot", joined: bool = False
 ) -> None:
-    """One column of the table of strides of both sides over time; strides without a value are left out. With `joined`,
-    a line goes through the strides of a side, with a gap where they are 10 s or more apart: a pause.
+    """One column of the table of strides of both sides over time; with `joined`, a line goes through the strides of a
+    side, with a gap at pauses of 10 s.
     """
     for side in SIDES:
         rows = table[table["side"] == side]
@@ -243,3 +216,110 @@ def special(estimate: Estimate) -> dict[str, np.ndarray]:
 def _when(table: "pd.DataFrame") -> "pd.Series":
     """Time at which each stride is drawn [s]: its end."""
     return table["end_s" if "end_s" in table else "standing_end_s"]
+
+
+def two_feet(estimate: Estimate, *, title: str = "") -> Figure:
+    """Both feet in one world frame with the widths of their strides: from above, in sections, and over time.
+
+    A width is the line from a foothold to the line between the two footholds of the other foot. Sections are the
+    longest straight parts, with lateral distances at a larger scale. The width over time has bars of two standard
+    deviations; below it is its standard deviation over ten strides. Raises ValueError if the estimate lacks a foot or
+    has no width.
+    """
+    feet = feet_of(estimate)
+    if len(feet) < 2:
+        raise ValueError(f"two_feet needs both feet; the estimate has the {next(iter(feet))} one alone")
+    rows = rows_of(estimate)
+    if not np.isfinite(as_float(estimate.strides.width)[rows]).any():
+        raise ValueError("no stride of the estimate has a width; stride_width_ekf gives them")
+    widths = _width_lines(estimate, rows)
+    sections = _straight(estimate, rows)
+    ways = {side: shown(estimate, foot) for side, foot in feet.items()}
+    heights = (height_of(ways, 8.2), 2.1, 1.9, 1.1)
+    figure, axes = panels(4, 1, 9.2, sum(heights) + 2.9, height_ratios=heights)
+    above, whole, over_time, moving = axes[:, 0]
+    grid = whole.get_subplotspec().subgridspec(1, len(sections))
+    whole.remove()
+    moving.sharex(over_time)
+    _draw(above, estimate, widths, None)
+    plan_of(above)
+    for number, part in enumerate(sections):
+        axis = figure.add_subplot(grid[number])
+        _draw(axis, estimate, widths, part)
+        axis.set_title(f"{part[0]:.0f} to {part[1]:.0f} s", fontsize=9)
+        axis.set_xlabel("along [m]")
+        axis.grid(alpha=0.3)
+        if number == 0:
+            axis.set_ylabel("across [m]")
+    series_of(over_time, strides_to_dataframe(estimate), COLUMNS["stride_width_m"], labelled=False)
+    over_time.set_ylabel("stride width [cm]")
+    over_time.tick_params(labelbottom=False)
+    _moving(moving, estimate, rows)
+    moving.set_xlabel("time [s]")
+    legend(figure, title, columns=5)
+    return figure
+
+
+def _straight(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, float]]:
+    """From and to [s] of the longest parts without a turning stride, in order of time; the whole walk if none."""
+    strides = estimate.strides
+    first, last = as_float(strides.standing)[rows], as_float(strides.standing_end)[rows]
+    turn = np.zeros(rows.size) if strides.turn is None else np.nan_to_num(as_float(strides.turn)[rows])
+    groups = itertools.groupby(range(rows.size), key=lambda k: bool(abs(turn[k]) < np.deg2rad(15.0)))
+    runs = [list(members) for straight, members in groups if straight]
+    spans = [(float(first[run].min()), float(last[run].max())) for run in runs if len(run) >= 4]
+    longest = sorted(spans, key=lambda span: span[0] - span[1])[:3]
+    return sorted(longest) or [(float(first.min()), float(last.max()))]
+
+
+def _width_lines(estimate: Estimate, rows: np.ndarray) -> list[tuple[float, np.ndarray]]:
+    """For each stride with a width its middle [s], and the line (2, 2) [m] that shows the width."""
+    feet, strides = feet_of(estimate), estimate.strides
+    lines = []
+    for k in rows:
+        side = SIDES[int(np.asarray(strides.side)[k])]
+        other = "left" if side == "right" else "right"
+        first, last = float(strides.standing[k]), float(strides.standing_end[k])
+        between = [time for time in footholds(estimate, other) if first < time < last]
+        if not np.isfinite(strides.width[k]) or not between:
+            continue
+        a, b = places_at(estimate, feet[side], np.array([first, last]))[:, :2]
+        there = places_at(estimate, feet[other], np.array(between[:1]))[0, :2]
+        way = (b - a) / max(float(np.hypot(*(b - a))), 1e-9)
+        lines.append((0.5 * (first + last), np.stack([there, a + way * (way @ (there - a))])))
+    return lines
+
+
+def _draw(axis: Axes, estimate: Estimate, widths: list[tuple[float, np.ndarray]], part: Seconds) -> None:
+    """Draw feet, footholds and widths from above; a section is rotated so that it leads to the right from 0."""
+    feet = feet_of(estimate)
+    ways = {side: shown(estimate, foot, part)[:, :2] for side, foot in feet.items()}
+    origin, turn = np.zeros(2), np.eye(2)
+    if part is not None:
+        visible = ways["right"][np.isfinite(ways["right"][:, 0])]
+        if not visible.size:
+            return
+        origin, way = 0.5 * (visible[0] + ways["left"][np.isfinite(ways["left"][:, 0])][0]), visible[-1] - visible[0]
+        c, s = way / max(float(np.hypot(*way)), 1e-9)
+        turn = np.array([[c, s], [-s, c]])
+    for side, way in ways.items():
+        x, y = turn @ (way - origin).T
+        axis.plot(x, y, label=f"{side} foot" if part is None else None, **FOOT[side])
+        holds = places_at(estimate, feet[side], footholds(estimate, side, part))[:, :2]
+        axis.plot(*(turn @ (holds - origin).T), **FOOTHOLD[side])
+    named = "width" if part is None else None
+    for time, line in widths:
+        if part is None or part[0] <= time <= part[1]:
+            axis.plot(*(turn @ (line - origin).T), label=named, **ACROSS)
+            named = None
+
+
+def _moving(axis: Axes, estimate: Estimate, rows: np.ndarray) -> None:
+    width = 100.0 * as_float(estimate.strides.width)[rows]
+    there = np.isfinite(width)
+    when, width = as_float(estimate.strides.end)[rows][there], width[there]
+    last = [width[max(0, k - 9) : k + 1] for k in range(width.size)]
+    spread = [float(np.std(widths, ddof=1)) if widths.size == 10 else np.nan for widths in last]
+    axis.plot(when, spread, color="0.3", linewidth=1.2)
+    axis.set_ylabel("SD of 10 [cm]")
+    axis.set_ylim(bottom=0.0)

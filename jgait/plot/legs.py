@@ -16,9 +16,10 @@ from jgait.plot.style import (
     check_overlap,
     legend,
     panels,
+    single,
     windowed,
 )
-from jgait.types import SIDES, AnyArray, Estimate, LegTrajectory
+from jgait.types import SIDES, Estimate, LegTrajectory, as_float
 
 FIELDS = (
     ("hip_angle", "hip flexion [°]", DEGREES),
@@ -46,12 +47,8 @@ def _name(axis: Axes, estimate: Estimate, side: str) -> None:
 def _shown(estimate: Estimate, seconds: Seconds) -> Estimate:
     """The estimate with NaN where it is not valid, for example before the first result, and outside the window."""
     visible = np.asarray(estimate.valid, bool) & windowed(estimate.time, seconds)
-
-    def gapped(values: AnyArray) -> np.ndarray:
-        return np.where(visible, np.asarray(values, float), np.nan)
-
-    legs, stddev, way = jax.tree.map(gapped, (estimate.legs, estimate.stddev, estimate.distance))
-    return estimate._replace(legs=legs, stddev=stddev, distance=way)
+    parts = {name: getattr(estimate, name) for name in ("legs", "stddev", "distance")}
+    return estimate._replace(**jax.tree.map(lambda values: np.where(visible, as_float(values), np.nan), parts))
 
 
 def joint_angles(
@@ -59,11 +56,8 @@ def joint_angles(
 ) -> Figure:
     """Hip and knee flexion of each leg with a band of two standard deviations, over the reference, dashed.
 
-    The window `seconds` is from and to [s]; None draws everything. A leg whose angles `analyse` found not to be
-    usable has the words "do not use" above it.
-
-    Raises:
-        ValueError: if the estimate has no joint angles, or none in the window.
+    The window `seconds` is from and to [s]. Legs whose angles are not usable are marked "do not use". Raises ValueError
+    if the estimate has no joint angles, or none in the window.
     """
     return _over_time(estimate, reference, FIELDS[:2], seconds, title)
 
@@ -76,12 +70,9 @@ def foot_displacement(
 
 
 def _over_time(
-    estimate: Estimate,
-    reference: Estimate | None,
-    fields: tuple[tuple[str, str, float], ...],
-    seconds: Seconds,
+    estimate: Estimate, reference: Estimate | None, fields: tuple[tuple[str, str, float], ...], seconds: Seconds,
     title: str,
-) -> Figure:
+) -> Figure:  # fmt: skip
     """A figure with a row for each field of the legs' trajectories and a column for each leg."""
     if seconds is not None:
         check_overlap(estimate.time, seconds)
@@ -126,18 +117,13 @@ def foot_path(
 
 
 def distance(estimate: Estimate, reference: Estimate | None = None, *, title: str = "") -> Figure:
-    """Walked distance over time, over the reference, dashed.
-
-    The band of two standard deviations is drawn if the diagnostics have `distance_stddev`. A deviation of the whole
-    distance alone is drawn in proportion to the distance so far.
-
-    Raises:
-        ValueError: if the estimate has no distance.
+    """Walked distance over time, over the reference, dashed, with a band of two standard deviations if the diagnostics
+    have `distance_stddev`; that of the whole distance alone grows with the way. Raises ValueError without a distance.
     """
     if estimate.distance is None:
         raise ValueError("the estimate has no distance: no walking was found, or its sensors do not measure it")
-    figure, axes = panels(1, 1, 6.4, 3.8)
-    axis = axes[0, 0]
+    figure, axis = single(6.4, 3.8)
+    axis.grid(alpha=0.3)
 
     def draw(what: Estimate, name: str, style: Style) -> None:
         values = _shown(what, None).distance
@@ -159,6 +145,5 @@ def distance(estimate: Estimate, reference: Estimate | None = None, *, title: st
     axis.set_xlabel("time [s]")
     axis.set_ylabel("distance walked [m]")
     axis.legend(loc="upper left", fontsize=8)
-    if title:
-        axis.set_title(title)
+    axis.set_title(title)
     return figure

@@ -7,17 +7,8 @@ from jgait.types import Recording, as_float
 
 
 def signals(recording: Recording, *, title: str = "") -> Figure:
-    """Angular rates and specific forces of all sensors over time; there is a gap where samples are masked.
-
-    Args:
-        recording: with at least one sensor.
-        title: above the figure.
-
-    Returns:
-        A figure with a row for each sensor: left its gyroscope [deg/s], right its accelerometer [m/s²].
-
-    Raises:
-        ValueError: if the recording has no sensor.
+    """A row for each sensor: its angular rates [deg/s] and specific forces [m/s²] over time; masked samples are gaps.
+    Raises ValueError if the recording has no sensor.
     """
     if not recording.sensors:
         raise ValueError("a figure of signals needs a sensor; the recording has none")
@@ -38,6 +29,5 @@ def signals(recording: Recording, *, title: str = "") -> Figure:
     axes[0, 0].legend(ncols=3, fontsize="small", loc="upper right")
     for panel in axes[-1]:
         panel.set_xlabel("time [s]")
-    if title:
-        figure.suptitle(title)
+    figure.suptitle(title)
     return figure

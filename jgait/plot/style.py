@@ -71,20 +71,20 @@ def panels(rows: int, columns: int, width: float, height: float, **options: Any)
     return figure, axes
 
 
+def single(width: float, height: float) -> tuple[Figure, Axes]:
+    """A figure with one pair of axes, as `blank`."""
+    figure, axes = blank(1, 1, width, height)
+    return figure, axes[0, 0]
+
+
 def windowed(time: AnyArray, seconds: Seconds) -> np.ndarray:
     """(T,) True where a time lies in the window."""
-    time = as_float(time)
-    if seconds is None:
-        return np.ones(time.shape, bool)
-    return (time >= seconds[0]) & (time <= seconds[1])
+    time, (first, last) = as_float(time), seconds or (-np.inf, np.inf)
+    return (time >= first) & (time <= last)
 
 
 def check_overlap(time: AnyArray, seconds: tuple[float, float]) -> None:
-    """Refuse a window in which no sample lies.
-
-    Raises:
-        ValueError: with the times of the recording and of the window.
-    """
+    """Refuse a window in which no sample lies. Raises ValueError with the times of the recording and of the window."""
     time = as_float(time)
     if not windowed(time, seconds).any():
         raise ValueError(f"seconds must overlap the recording, {time[0]:g} to {time[-1]:g}; got {seconds}")
@@ -104,9 +104,7 @@ def legend(figure: Figure, title: str, *, columns: int = 4) -> None:
     for axis in figure.axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    figure.legend(
-        entries.values(), entries, loc="outside lower center", ncols=columns, fontsize=8, frameon=False
-    )  # fmt: skip
+    figure.legend(entries.values(), entries, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
     figure.align_ylabels()
     if title:
         figure.suptitle(title, fontsize=11)
@@ -127,7 +125,7 @@ def _texts(artist: Any) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def ready(figure: Figure) -> Iterator[None]:
-    """In the block a figure is laid out, and its texts are shown as they are: names may hold dollar signs or control
+    """In the block a figure is laid out, and its texts are shown as they are, also with dollar signs or control
     characters.
     """
     import matplotlib
@@ -147,9 +145,8 @@ def ready(figure: Figure) -> Iterator[None]:
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 130) -> Path:
-    """Write a figure, its texts without formulas, to a file, completely or not at all; returns the path.
-
-    The ending gives the format.
+    """Write a figure, its texts without formulas, to a file in the format of its ending, whole or not at all; gives the
+    path.
     """
     with ready(figure), replaced(path) as part:
         # In two thirds of the time of zlib's own choice; the files are up to a third larger.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.plot.style import DASHED, ESTIMATE, RED, REFERENCE, Figure, Style, blank
+from jgait.plot.style import DASHED, ESTIMATE, RED, REFERENCE, Figure, Style, blank, single
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis
@@ -35,20 +35,14 @@ def _plain(axis: "Axis") -> None:
 
 
 def correlation(identifiability: "Identifiability", *, title: str = "") -> Figure:
-    """Correlation of the errors of the parameters: dark squares are close to ±1, the numbers have the sign.
-
-    A parameter that the data do not determine is marked with a star.
-    """
+    """Correlation of the errors of the parameters, dark near ±1; those that the data do not determine have a star."""
     values = identifiability.correlation
     size = len(values)
     side = 2.6 + (0.62 if size < 14 else 0.32) * size
-    figure, axes = blank(1, 1, side + 0.8, side)
-    axis = axes[0, 0]
+    figure, axis = single(side + 0.8, side)
     shown = axis.imshow(np.abs(values), cmap="Greys", vmin=0.0, vmax=1.0)
-    names = [
-        name if good else f"{name} *"
-        for name, good in zip(identifiability.names, identifiability.determined, strict=True)
-    ]
+    each = zip(identifiability.names, identifiability.determined, strict=True)
+    names = [name if good else f"{name} *" for name, good in each]
     axis.set_xticks(range(size), names, rotation=45, ha="right", rotation_mode="anchor")
     axis.set_yticks(range(size), names)
     axis.set_xticks(np.arange(size - 1) + 0.5, minor=True)
@@ -63,22 +57,19 @@ def correlation(identifiability: "Identifiability", *, title: str = "") -> Figur
     bar.set_label("|correlation| in free coordinates")
     if not identifiability.determined.all():
         axis.set_xlabel("* not determined by these data", fontsize=9)
-    if title:
-        axis.set_title(title)
+    axis.set_title(title)
     return figure
 
 
 def profile(profile: "Profile", *, title: str = "") -> Figure:
     """Increase of the loss with one parameter fixed at other values than the best, and ends of the 95 % interval."""
-    figure, axes = blank(1, 1, 6.0, 3.8)
-    axis = axes[0, 0]
+    figure, axis = single(6.0, 3.8)
     need = NormalDist().inv_cdf(0.975) ** 2 / 2.0
     finite = np.isfinite(profile.rises)
     rises = profile.rises[finite]
     axis.plot(*profile.curve(), **ESTIMATE)
     axis.plot(profile.values[finite], rises, "o", color=RED, markersize=4.5)
-    line = {**REFERENCE, "label": f"95 %: {need:.3g} nat"}
-    axis.axhline(need, **line)
+    axis.axhline(need, label=f"95 %: {need:.3g} nat", **REFERENCE)
     low, high = profile.interval(0.95)
     for end, words in ((low, "from"), (high, "to")):
         if end is not None:
@@ -95,8 +86,7 @@ def profile(profile: "Profile", *, title: str = "") -> Figure:
     axis.set_ylabel("loss above its minimum [nat]")
     axis.grid(alpha=0.3, which="both")
     axis.legend(loc="upper center" if low is not None and high is not None else "best", fontsize=8, framealpha=0.9)
-    if title:
-        axis.set_title(title)
+    axis.set_title(title)
     return figure
 
 
@@ -127,6 +117,5 @@ def training(fit: "Fit[PyTree]", *, title: str = "") -> Figure:
         _plain(axes[1, 0].yaxis)
     axes[1, 0].set_xlabel("step")
     axes[0, 0].legend(loc="upper right", fontsize=8, framealpha=0.9)
-    if title:
-        figure.suptitle(title)
+    figure.suptitle(title)
     return figure

@@ -8,17 +8,7 @@ from jax import Array
 
 from jgait.estimators.programs import bucket, compiled
 from jgait.events.trunk import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
-from jgait.plot.style import (
-    BLUE,
-    FOOTHOLD,
-    GROUND,
-    Axes,
-    Figure,
-    Style,
-    legend,
-    panels,
-    windowed,
-)
+from jgait.plot.style import BLUE, FOOTHOLD, GROUND, Figure, Style, legend, panels, windowed
 from jgait.types import SIDES, Estimate, as_float
 
 RAW: Style = {"color": "0.6", "linewidth": 1.0}
@@ -33,21 +23,20 @@ ROWS = ((0, "forward [m/s²]"), (2, "upward [m/s²]"), (1, "to the left [m/s²]"
 
 
 def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "") -> Figure:
-    """The trunk's accelerations forward, up and left, their reconstruction from wavelet details, and the contacts of
-    both feet.
+    """The trunk's accelerations, their reconstruction from wavelet details, and the contacts of both feet, for four
+    seconds.
 
     The estimate is of `waist`. Grey background marks the interval of interest, in which the paper searches the largest
-    forward acceleration; wavelet and interval are the paper's, and left out without `wavelet`. Four seconds about the
-    middle contact are drawn.
-
-    Raises:
-        ValueError: if the estimate has no contacts, or no accelerations of the trunk.
+    forward acceleration; wavelet and interval are the paper's, and left out without `wavelet`. Raises ValueError if the
+    estimate has no contacts, or no accelerations of the trunk.
     """
     contacts = contacts_of(estimate)
     if "trunk_acceleration" not in estimate.diagnostics:
         raise ValueError("the estimate has no accelerations of the trunk; it should be an estimate of `waist` alone")
     time, trunk = as_float(estimate.time), as_float(estimate.diagnostics["trunk_acceleration"])
-    first, last = _window(time, np.concatenate(list(contacts.values())))
+    every = np.sort(np.concatenate(list(contacts.values())))
+    middle = float(every[every.size // 2])
+    first, last = max(float(time[0]), middle - 2.0), min(float(time[-1]), middle + 2.0)
     at, rebuilt, peaks = _wavelet(time, trunk) if wavelet else (np.zeros(0), trunk[:0], np.zeros(0))
     kept, fine = (windowed(t, (first, last)) for t in (time, at))
     figure, axes = panels(len(ROWS), 1, 8.8, 6.8, sharex=True)
@@ -58,7 +47,12 @@ def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "")
         axis.plot(time[kept], raw[kept], label="acceleration", **RAW)
         if wavelet:
             axis.plot(at[fine], rebuilt[fine, column], label="its wavelet details", **REBUILT)
-        _drawn(axis, time, raw, contacts, (first, last))
+        for side, times in contacts.items():
+            of_side = times[windowed(times, (first, last))]
+            for when in of_side:
+                axis.axvline(when, **CONTACT[side])
+            axis.plot(of_side, np.interp(of_side, time, raw), label=f"{side} contact", zorder=3.0,
+                      **{**FOOTHOLD[side], "markersize": 6.0})  # fmt: skip
         axis.set_ylabel(unit)
         axis.set_xlim(first, last)
         axis.set_xticks(np.arange(np.ceil(first / 0.2), np.floor(last / 0.2) + 1.0) * 0.2, minor=True)
@@ -80,12 +74,6 @@ def contacts_of(estimate: Estimate) -> dict[str, np.ndarray]:
     return {name: when[there & (side == number)] for number, name in enumerate(SIDES)}
 
 
-def _window(time: np.ndarray, contacts: np.ndarray) -> tuple[float, float]:
-    """From and to [s]: four seconds about the middle contact."""
-    middle = float(np.sort(contacts)[contacts.size // 2])
-    return max(float(time[0]), middle - 2.0), min(float(time[-1]), middle + 2.0)
-
-
 def _wavelet(time: np.ndarray, trunk: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [s] at the paper's sampling rate, the wavelet details of (T, 3) accelerations there, and peaks [s]."""
     count, rate = len(time), round(1.0 / float(np.median(np.diff(time))), 2)
@@ -102,14 +90,3 @@ def _times(forward: Array, upward: Array, measured: Array, rate: float) -> tuple
     # sides are not needed here, so no yaw rate is needed
     contacts = initial_contacts(forward, upward, forward, rate, Peaks(0.0), mask=measured)
     return contacts.time, contacts.valid
-
-
-def _drawn(
-    axis: Axes, time: np.ndarray, raw: np.ndarray, contacts: dict[str, np.ndarray], span: tuple[float, float]
-) -> None:
-    for side, times in contacts.items():
-        of_side = times[windowed(times, span)]
-        for when in of_side:
-            axis.axvline(when, **CONTACT[side])
-        axis.plot(of_side, np.interp(of_side, time, raw), label=f"{side} contact", zorder=3.0,
-                  **{**FOOTHOLD[side], "markersize": 6.0})  # fmt: skip

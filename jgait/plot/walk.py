@@ -28,16 +28,10 @@ SIGNALS = (("gyr", "angular rate [rad/s]"), ("acc", "specific force [m/s²]"))
 
 
 def stick_figure(truth: "Truth", path: str | Path | None = None) -> "FuncAnimation":
-    """Animation of the walking body from the side and from the front; the view follows the pelvis.
+    """Animation of the body of a simulated walk from the side and from the front; the view follows the pelvis.
 
-    The right leg is black, the left leg grey; a foot is drawn from its heel to its ball.
-
-    Args:
-        truth: of a simulated walk.
-        path: file for an animated GIF; None writes no file.
-
-    Returns:
-        A `matplotlib.animation.FuncAnimation`; in a notebook, `HTML(animation.to_jshtml())` shows it.
+    The right leg is black, the left leg grey; a foot is drawn from its heel to its ball. With a path, an animated GIF
+    is written; in a notebook, `HTML(animation.to_jshtml())` shows the animation.
     """
     from matplotlib.animation import FuncAnimation, PillowWriter
 
@@ -74,7 +68,9 @@ def _stage(axes: np.ndarray, lines: dict[str, np.ndarray]) -> tuple[dict[tuple[i
     everything = np.concatenate([points.reshape(-1, 3) for points in lines.values()])
     low, high = everything.min(axis=0) - 0.12, everything.max(axis=0) + 0.12
     drawn = {}
-    for axis, view, name in ((axes[0], 0, "forward of the pelvis [m]"), (axes[1], 1, "left of the pelvis [m]")):
+    for view, (axis, name) in enumerate(
+        zip(axes, ("forward of the pelvis [m]", "left of the pelvis [m]"), strict=True)
+    ):
         # The part nearest to the viewer is drawn last: in the side view the right leg.
         for part in ("left", "pelvis", "right"):
             style = LEG.get(part, PELVIS)
@@ -110,26 +106,22 @@ def _lines(truth: "Truth", body: "Body", chosen: np.ndarray) -> dict[str, np.nda
     top = middle + body.back_height * 2.0 * _points(segments.pelvis.z, chosen)
     right, left = (lines[side][:, 0] for side in SIDES)
     lines["pelvis"] = np.stack([right, top, left, right], axis=1)
-    heading = np.asarray(truth.estimate.diagnostics["heading"])[chosen]
-    return {name: _seen(points, middle, heading) for name, points in lines.items()}
+    heading = np.asarray(truth.estimate.diagnostics["heading"])[chosen, None]
+    c, s, middle = np.cos(heading), np.sin(heading), middle[:, None]
+    for name, points in lines.items():
+        x, y, z = np.moveaxis(points, -1, 0)
+        x, y = x - middle[..., 0], y - middle[..., 1]
+        lines[name] = np.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+    return lines
 
 
 def _points(vector: Vector, chosen: np.ndarray) -> np.ndarray:
     return np.stack([np.asarray(part, float)[chosen] for part in vector], axis=1)
 
 
-def _seen(points: np.ndarray, middle: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Points (n, p, 3) relative to the pelvis, forward and left; heights are unchanged."""
-    away = points - middle[:, None, :] * np.array([1.0, 1.0, 0.0])
-    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    return np.stack([c * away[..., 0] + s * away[..., 1], -s * away[..., 0] + c * away[..., 1], away[..., 2]], axis=-1)
-
-
 def stride_signals(recording: Recording, truth: "Truth") -> Figure:
-    """All sensor signals of the middle stride of a simulated walk, with the contacts of both feet.
-
-    Raises:
-        ValueError: if the walk has no stride.
+    """All sensor signals of the middle stride of a simulated walk, with the contacts of both feet. Raises ValueError if
+    there is no stride.
     """
     strides = truth.strides
     rows = np.flatnonzero(np.asarray(strides.valid))

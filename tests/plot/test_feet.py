@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot.feet import REFERENCE
+from jgait.plot.feet import ACROSS, REFERENCE
 from jgait.plot.style import FOOT
-from jgait.plot.widths import ACROSS
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Strides
 
 WIDTH, STRIDE, SECONDS = 0.2, 1.2, 1.0
