@@ -1,5 +1,6 @@
 """Errors and agreement of estimates, for one recording and for a cohort; on the host, in NumPy and pandas."""
 
+from jgait.evaluate.buckets import judged
 from jgait.evaluate.cohort import cohort
 from jgait.evaluate.errors import (
     FIELDS,
@@ -11,7 +12,6 @@ from jgait.evaluate.errors import (
     trajectory_errors,
     yaw_aligned,
 )
-from jgait.evaluate.losses import judged
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import (
     AGREEMENT,

@@ -2,12 +2,13 @@
 
 import functools
 from collections import deque
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import numpy.typing as npt
 from jax.sharding import Mesh, PartitionSpec
@@ -23,12 +24,17 @@ from jgait.notes import to_json
 from jgait.params import check_params
 from jgait.types import Estimate, RecordingError, Walk, reason_of
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from jgait.tune import Lessons
+
 WAITING = 3
 """Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
 
 
 class CohortJob(NamedTuple):
-    """How each recording is read, estimated and scored; see `cohort`."""
+    """How each recording is read, estimated and scored: arguments of `cohort`."""
 
     estimator: Estimator[PyTree, PyTree]
     params: PyTree
@@ -59,19 +65,15 @@ class Ready(NamedTuple):
 
 
 def padded_length(samples: int) -> int:
-    """The smallest padded length that holds the samples: `BUCKET` times a power of two, or times 1.5 and such a power.
-
-    A program costs as much as some thousand recordings, so there are few.
+    """The smallest padded length that holds the samples: `BUCKET` times a power of two, or times 1.5 and such a power;
+    there are few, for a program costs as much as some thousand recordings.
     """
     above = bucket(samples)
     return above * 3 // 4 if above > BUCKET and samples <= above * 3 // 4 else above
 
 
 def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
-    """Read and prepare one recording; an exception becomes a `Failed` of this recording.
-
-    ImportError is raised: a missing package is an error of the installation and not of the recording.
-    """
+    """Read and prepare one recording; exceptions become a `Failed`, but for ImportError of an installation."""
     subject = ""
     try:
         walk = item if job.read is None else job.read(item)
@@ -79,7 +81,10 @@ def prepared(job: CohortJob, name: str, item: PyTree) -> Ready | Failed:
             raise TypeError(f"read must give a jgait.types.Walk; got {type(walk).__name__}")
         recording = walk.recording
         subject = recording.subject
-        params = _params(job, walk)
+        params = job.params(walk) if callable(job.params) else job.params
+        if job.body_measures is not None:
+            params = job.estimator.with_body(params, job.body_measures(walk))
+        check_params(params, job.estimator.transforms, job.estimator.params)
         made = job.estimator.prepared(recording)
         time = np.asarray(made.inputs.time, np.float64)
         if not time.size:
@@ -101,15 +106,6 @@ def _padded(job: CohortJob, made: Prepared[PyTree]) -> PyTree:
     return jax.tree.map(_lowered, pad(made.inputs, padded_length(np.size(made.inputs.time))))
 
 
-def _params(job: CohortJob, walk: Walk) -> PyTree:
-    params = job.params(walk) if callable(job.params) else job.params
-    if job.body_measures is not None:
-        params = job.estimator.with_body(params, job.body_measures(walk))
-    if job.body_measures is not None or callable(job.params):
-        check_params(params, job.estimator.transforms, job.estimator.params)
-    return params
-
-
 def _lowered(leaf: npt.ArrayLike) -> np.ndarray:
     """A leaf in JAX's floating-point precision; Python's integers become floating-point numbers."""
     array = np.asarray(leaf)
@@ -118,9 +114,8 @@ def _lowered(leaf: npt.ArrayLike) -> np.ndarray:
 
 
 def ahead[T](source: Iterator[T], room: int, x64: bool) -> Generator[T]:
-    """The items of `source`, computed in a thread up to `room` items in advance; its exceptions are raised here.
-
-    JAX sets the precision for each thread, here by `x64`.
+    """The items of `source`, computed in a thread up to `room` in advance, in the precision of `x64`; exceptions are
+    raised.
     """
     end = object()
 
@@ -139,9 +134,8 @@ def ahead[T](source: Iterator[T], room: int, x64: bool) -> Generator[T]:
 
 
 def evaluated(job: CohortJob, items: Iterable[tuple[str, PyTree]]) -> Generator[Cohort]:
-    """Run named items; yields the tables of each batch as soon as the batch is finished.
-
-    While one batch computes, the next batch is read and prepared, and the previous batch is scored.
+    """The tables of each batch as soon as it is finished. While one batch computes, the next one is read, the last one
+    scored.
     """
     failures: list[Failed] = []
     before: tuple[list[Ready], PyTree] | None = None
@@ -179,11 +173,7 @@ def _full(job: CohortJob, items: Iterable[tuple[str, PyTree]], failures: list[Fa
 
 
 def checked_mesh(mesh: Mesh | None) -> Mesh | None:
-    """The devices of a mesh that belong to this process.
-
-    Raises:
-        ValueError: if the mesh has more than one axis, or no device of this process.
-    """
+    """The devices of a mesh that belong to this process. Raises ValueError if it has none, or more than one axis."""
     if mesh is None:
         return None
     if not isinstance(mesh, Mesh) or len(mesh.axis_names) != 1:
@@ -206,9 +196,7 @@ def program(run: Callable[..., Estimate], options: PyTree, mesh: Mesh | None) ->
 
 
 def _started(job: CohortJob, bucket: list[Ready]) -> PyTree:
-    """Begin to compute a batch; an unfilled batch is filled with copies of a recording, a batch of one is computed as
-    a single recording is.
-    """
+    """Begin to compute a batch, filled with copies of a recording; one alone is computed as a single recording is."""
     if job.batch == 1 and job.mesh is None:
         (row,) = bucket
         return jax.tree.map(lambda leaf: np.asarray(leaf)[None], job.estimator.computed(row.params, row.made))
@@ -248,10 +236,8 @@ def _unusable(estimate: Estimate) -> str | None:
     if not valid.any():
         return "the estimate is valid at no sample"
     for name in ("legs", "stddev", "distance", "feet", "feet_stddev"):
-        values = getattr(estimate, name)
-        for leaf in jax.tree.leaves(values):
-            lost = int(np.sum(~np.isfinite(leaf[valid])))
-            if lost:
+        for leaf in jax.tree.leaves(getattr(estimate, name)):
+            if lost := int(np.sum(~np.isfinite(leaf[valid]))):
                 return f"{name} of the estimate is not finite at {lost} of {int(valid.sum())} valid samples"
     return None
 
@@ -269,14 +255,37 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
     quantities = [
         (*who, name, *pair, *[np.nan] * 3) for *who, _, scores in whose for name, pair in scores.quantities.items()
     ]  # fmt: skip
-    strides = [
-        pd.DataFrame({**scores.strides, "recording": name, "subject": subject})
-        for name, subject, _, scores in whose
-        if scores.strides
-    ]
+    strides = [pd.DataFrame({**scores.strides, "recording": name, "subject": subject})
+               for name, subject, _, scores in whose if scores.strides]  # fmt: skip
     return Cohort(
         frame("recordings", recordings),
         with_errors(frame("quantities", quantities)),
         with_errors(frame("strides", pd.concat(strides) if strides else [])),
         frame("failures", failures),
     )
+
+
+def judged[P](estimator: Estimator[P, PyTree], p: P, lessons: "Lessons", names: Sequence[str]) -> "pd.DataFrame":
+    """The error of every lesson in each of the losses `names`, with parameters `p`: columns `recording subject` and one
+    for each loss, in the unit of `tune.LOSSES`. Raises ValueError if the estimator or the references cannot answer a
+    loss.
+    """
+    import pandas as pd
+
+    from jgait.tune import LOSSES, lacking, objective
+
+    reasons = [reason for name in names if (reason := lacking(name, lessons.data.reference))]
+    if reasons:
+        raise ValueError("; ".join(reasons))
+    objective(estimator, lessons.options, dict.fromkeys(names, 1.0))
+    data = lessons.data
+
+    def subject_params(body: dict[str, PyTree], _: PyTree) -> PyTree:
+        return jax.tree.map(jnp.asarray, estimator.with_body(p, body))
+
+    each = jax.vmap(subject_params)(data.body, jnp.arange(len(lessons.names)))
+    estimates = program(estimator.run, lessons.options, None)(each, data.inputs)  # which losses of one cohort share
+    rows: dict[str, PyTree] = {"recording": list(lessons.names), "subject": list(lessons.subjects)}
+    for name in names:
+        rows[name] = np.asarray(jax.jit(jax.vmap(LOSSES[name].error))(estimates, data))
+    return pd.DataFrame(rows)

@@ -43,10 +43,8 @@ COMPARED = (
 
 
 def clock_notes(estimate: Estimate, reference: Estimate) -> tuple[Note, ...]:
-    """A note for each part of a reference that agrees with an estimate much better with exchanged sides, or else at
-    other times, or never.
-
-    What both have is compared, of `COMPARED`; a reference of samples and strides is of two files, of which one can be
+    """A note for each part of a reference, of `COMPARED`, that agrees with an estimate much better with exchanged
+    sides, or else at other times, or never; samples and strides of a reference are two files, of which one can be
     wrong.
     """
     notes, shifts = list[Note](), np.arange(-MOST_S, MOST_S + 0.5 * STEP_S, STEP_S)
@@ -77,10 +75,8 @@ def _exchanged(reference: Estimate) -> Estimate:
 
 
 def _signal(estimate: Estimate, kind: str, side: str) -> tuple[np.ndarray, np.ndarray] | None:
-    """Times [s] and values of a signal of a leg; None if the estimate lacks it.
-
-    "knee": flexion of the knee; "foot": horizontal speed of the foot; "contacts": pulses at the contacts; "swings":
-    pulses at the middles of the swings.
+    """Times [s] and values of a signal of a leg, or None: flexion of the knee, horizontal speed of the foot, or pulses
+    at the contacts or at the middles of the swings.
     """
     strides, valid = estimate.strides, np.asarray(estimate.valid, bool)
     if kind in ("contacts", "swings"):
@@ -106,10 +102,8 @@ def _signal(estimate: Estimate, kind: str, side: str) -> tuple[np.ndarray, np.nd
 
 
 def _apart(estimate: Estimate, reference: Estimate, our_kind: str, their_kind: str, shifts: np.ndarray) -> np.ndarray:
-    """(shifts,) one minus the correlation of two signals, the reference shifted [s]; NaN without both.
-
-    Pulses are 0 outside their times. A shift that leaves less than half of the samples in common counts as no
-    agreement.
+    """(shifts,) one minus the correlation of two signals, the reference shifted [s]; NaN without both, no agreement
+    (inf) if less than half of the samples are in common. Pulses are 0 outside their times.
     """
     errors = []
     for side in SIDES:

@@ -55,27 +55,13 @@ def cohort(
     They are read one at a time during the computation, and freed when scored: a cohort may be larger than memory.
     A recording that cannot be read, prepared, estimated or scored is a row of `failures` with its reason.
 
-    The precision is float32 unless JAX is set to float64; on the same devices with the same `batch`, results are equal.
-
     With `out` every finished batch is written to disk at once. If an interrupted run is started again with the same
-    arguments, finished recordings (failures included) are not read again, and the final tables are the same.
+    arguments, finished recordings (failures included) are not read again, and the final tables are the same. After
+    `jax.distributed.initialize()`, as under SLURM's `srun`, each process takes its share of the items, all write to one
+    `out`, and each returns the tables of all.
 
-    On several devices of one process, `mesh=jax.make_mesh((n,), ("recordings",))` divides each batch among them.
-
-    On a cluster with SLURM, either each process takes its share of the items, all write to one `out`, and each returns
-    the tables of all; `srun python script.py` with, in the script::
-
-        jax.distributed.initialize()  # finds SLURM's settings
-        tables = evaluate.cohort(estimator, paths, read=load, out="/shared/results")
-
-    or Dask distributes the items, `batch` items a task, and repeats the tasks of a lost worker::
-
-        cluster = dask_jobqueue.SLURMCluster(cores=2, memory="8GB", walltime="02:00:00")
-        cluster.scale(jobs=50)
-        tables = evaluate.cohort(estimator, paths, read=load, out="results", client=distributed.Client(cluster))
-
-    With Dask, give paths and `read`, since walks would be sent over the network. Sort the paths by length: a task
-    compiles every length in it. Set `jax_compilation_cache_dir` to a folder that all workers share: it compiles once.
+    With Dask, give paths and `read`, since walks would be sent over the network. Sort the paths by length: a task of
+    `batch` items compiles every length in it. Set `jax_compilation_cache_dir` to a folder that all workers share.
 
     Args:
         estimator: from `jgait.estimators`.
@@ -83,18 +69,15 @@ def cohort(
             of a walk is its recording's name, that of another item is `str(item)`; names must be unique.
         params: the estimator's parameters, natural units; None for its defaults; or walk → parameters, such as
             `lambda walk: fit.of(walk.recording.subject)` of a fit with values per subject.
-        body: walk → body measures to put into the parameters by `estimator.with_body`, for example
-            `lambda walk: {"thigh_length": walk.info["thigh_length"]}`; None does not change the parameters.
+        body: walk → body measures to put into the parameters by `estimator.with_body`; None does not change them.
         read: item → walk.
         score: (estimate, walk) → `Scores`, on the host; the estimate has no padding, the walk no sensor data.
         out: folder for the results; None keeps them in memory. Functions are compared by name and source: give
             another folder when the functions that they call, or what they read, has changed.
-        batch: number of recordings that run at once; memory grows with it. The last batch of each length is filled
-            with copies. Rounded up to a multiple of the number of devices of `mesh`. None: 64; a list of at most 32
-            runs one after another, by the programs of single recordings.
-        mesh: devices that share each batch; it has one axis.
-        client: a `dask.distributed.Client` (the extra `cluster`); `estimator`, `read` and `score` are sent by
-            cloudpickle.
+        batch: number of recordings that run at once; memory grows with it. Rounded up to a multiple of the number of
+            devices of `mesh`. None: 64; a list of at most 32 runs one after another.
+        mesh: devices that share each batch, with one axis, such as `jax.make_mesh((n,), ("recordings",))`.
+        client: a `dask.distributed.Client` (the extra `cluster`), whose workers compute.
         progress: called after every batch.
 
     Raises:
@@ -103,14 +86,9 @@ def cohort(
         TypeError: if an item is no walk and `read` is None, or an argument has the wrong type.
     """
     if not isinstance(estimator, Estimator):
-        raise TypeError(
-            f"estimator must be a jgait.estimators.Estimator, such as leg_ekf.estimator(); got {estimator!r}"
-        )
+        raise TypeError(f"estimator must be a jgait.Estimator, such as leg_ekf.estimator(); got {estimator!r}")
     if isinstance(items, Walk | Recording):
         raise TypeError(f"items must be several walks in a list; got one {type(items).__name__}")
-    for name, function in (("body", body), ("read", read), ("score", score)):
-        if function is not None and not callable(function):
-            raise TypeError(f"{name} must be a function; got {type(function).__name__}")
     if batch is not None and batch < 1:
         raise ValueError(f"batch must be at least 1; got {batch}")
     processes = jax.process_count()

@@ -44,10 +44,8 @@ class PositionError(NamedTuple):
 
 
 def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
-    """Which samples (T,) of the reference are valid and lie between valid samples of the estimate; at least one.
-
-    Raises:
-        ValueError: if times do not increase, or no sample is valid in both.
+    """Which samples (T,) of the reference are valid and lie between valid samples of the estimate. Raises ValueError if
+    there is none, or times do not increase.
     """
     ours, theirs = as_float(estimate.time), as_float(reference.time)
     valid = np.asarray(estimate.valid, bool)
@@ -65,19 +63,22 @@ def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
     return common
 
 
-def _samples(reference: Estimate, window: Window, name: str) -> np.ndarray:
+def _samples(reference: Estimate, common: np.ndarray, window: Window, name: str) -> np.ndarray:
+    """The common samples within a window; at least one."""
     time = as_float(reference.time)
+    mask = np.ones(time.shape, bool) if window is None else np.asarray(window)
     if isinstance(window, tuple) and len(window) == 2:
         if not window[0] < window[1]:
             raise ValueError(f"{name} must start before it ends; got ({window[0]:g}, {window[1]:g}) s")
-        return (time >= window[0]) & (time <= window[1])
-    mask = np.ones(time.shape, bool) if window is None else np.asarray(window)
+        mask = (time >= window[0]) & (time <= window[1])
     if mask.dtype != np.bool_ or mask.shape != time.shape:
         raise ValueError(
             f"{name} must be (start, end) in seconds or a bool mask of {time.shape} samples; "
             f"got {mask.dtype} of shape {mask.shape}"
         )
-    return mask
+    if not (common & mask).any():
+        raise ValueError(f"{name} holds no sample where estimate and reference are both valid")
+    return common & mask
 
 
 def leg_errors(estimate: Estimate, reference: Estimate) -> Iterator[tuple[str, str, np.ndarray]]:
@@ -96,11 +97,8 @@ def trajectory_errors(
 ) -> "pd.DataFrame":
     """Root mean square error of each leg's angles and foot path, at the reference's times.
 
-    Args:
-        estimate: the estimate.
-        reference: motion capture or simulated truth.
-        window: interval of the reference over which errors are computed.
-        relative_to: interval of standing whose mean is first subtracted from each of both; None for absolute errors.
+    Errors are computed over `window`, an interval of the reference; the mean over `relative_to`, an interval of
+    standing, is first subtracted from each of both; None for absolute errors.
 
     Returns:
         One row for each leg that both have (index `side`); columns `hip_deg knee_deg x_cm y_cm`.
@@ -111,11 +109,8 @@ def trajectory_errors(
     import pandas as pd
 
     common = common_samples(estimate, reference)
-    look = common & _samples(reference, window, "window")
-    still = None if relative_to is None else common & _samples(reference, relative_to, "relative_to")
-    for name, mask in (("window", look), ("relative_to", still)):
-        if mask is not None and not mask.any():
-            raise ValueError(f"{name} holds no sample where estimate and reference are both valid")
+    look = _samples(reference, common, window, "window")
+    still = None if relative_to is None else _samples(reference, common, relative_to, "relative_to")
     rows: dict[str, dict[str, float]] = {}
     for side, column, error in leg_errors(estimate, reference):
         relative = error if still is None else error - error[still].mean()
@@ -126,19 +121,13 @@ def trajectory_errors(
 
 
 def distance_error(estimate: Estimate, reference: Estimate, window: Window = None) -> DistanceError:
-    """Error of the distance walked from the first to the last time at which estimate and reference are valid.
-
-    The window is an interval of the reference; None: all of it.
-
-    Raises:
-        ValueError: if either has no distance, they have no time in common, or the reference did not move.
+    """Error of the distance walked from the first to the last time at which both are valid, within a window of the
+    reference. Raises ValueError if either has no distance, they have no time in common, or the reference did not move.
     """
     for name, estimated in (("estimate", estimate), ("reference", reference)):
         if estimated.distance is None:
             raise ValueError(f"the {name} has no distance to compare")
-    common = common_samples(estimate, reference) & _samples(reference, window, "window")
-    if not common.any():
-        raise ValueError("window holds no sample where estimate and reference are both valid")
+    common = _samples(reference, common_samples(estimate, reference), window, "window")
     theirs = as_float(reference.distance)[common]
     ours = np.interp(as_float(reference.time), as_float(estimate.time), as_float(estimate.distance))[common]
     ours, theirs = ours - ours[0], theirs - theirs[0]
@@ -150,29 +139,22 @@ def distance_error(estimate: Estimate, reference: Estimate, window: Window = Non
 
 
 def foot_position_error(estimate: Estimate, reference: Estimate, side: str) -> PositionError | None:
-    """Error of one foot's position, after the estimate is turned about the vertical and shifted onto the reference.
+    """Error of one foot's position, after the estimate is turned about the vertical and shifted onto the reference;
+    None where one of them does not have that foot. Both are compared at the instants of the one that has fewer.
 
-    A sensor on a foot measures neither heading nor position in the laboratory, so both are fitted. If one of the two
-    trajectories has fewer instants, both are compared at these instants. None where estimate or reference does not have
-    that foot.
-
-    Raises:
-        ValueError: if they have no valid time in common.
+    Raises ValueError if they have no valid time in common.
     """
     if estimate.feet is None or reference.feet is None:
         return None
-    pair = (estimate, reference)
-    ways = [getattr(estimated.feet, side) for estimated in pair]
-    if any(way is None for way in ways):
+    ways = [getattr(estimated.feet, side) for estimated in (estimate, reference)]
+    if None in ways:
         return None
-    times = [as_float(estimated.time) for estimated in pair]
+    times = [as_float(estimated.time) for estimated in (estimate, reference)]
     ours_every, theirs_every = ((time[-1] - time[0]) / max(time.size - 1, 1) for time in times)
-    coarser = 0 if ours_every > 1.5 * theirs_every else 1
-    at = times[coarser][common_samples(pair[1 - coarser], pair[coarser])]
-    ours, theirs = (
-        np.stack([np.interp(at, time, axis) for axis in as_float(way.position).T], axis=1)
-        for time, way in zip(times, ways, strict=True)
-    )
+    fine, coarse = (reference, estimate) if ours_every > 1.5 * theirs_every else (estimate, reference)
+    at = as_float(coarse.time)[common_samples(fine, coarse)]
+    ours, theirs = (np.stack([np.interp(at, time, axis) for axis in as_float(way.position).T], axis=1)
+                    for time, way in zip(times, ways, strict=True))  # fmt: skip
     gap = yaw_aligned(ours, theirs) - theirs
     plan, height = np.sum(gap[:, :2] ** 2, axis=1), gap[:, 2] ** 2
     return PositionError(float(np.sqrt(np.mean(plan))), float(np.sqrt(np.mean(height))))

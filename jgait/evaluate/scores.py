@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import PyTree
 
 from jgait.estimators.sides import durations
@@ -20,19 +19,14 @@ WITHIN = 100.0 * 0.9544997361
 
 @record
 class Scores(NamedTuple):
-    """Scores of one recording for a cohort; errors are computed from them later.
+    """Scores of one recording for a cohort; errors are computed from them later."""
 
-    Attributes:
-        quantities: name → (estimate, reference); NaN where a value is missing.
-        strides: columns (n,) `s_id side start end regular quantity estimate reference`, a row a stride and quantity;
-            empty without strides. `regular`: no turn, stairs, half-step, other duration, or doubt about the quantity.
-        notes: what is doubtful about the reference.
-        contradicts: (quantity, note) of each quantity whose reference and estimate cannot both be right.
-    """
-
-    quantities: dict[str, tuple[float, float]]
+    quantities: dict[str, tuple[float, float]]  #: name → (estimate, reference); NaN where a value is missing.
+    #: columns (n,) `s_id side start end regular quantity estimate reference`, a row a stride and quantity, or empty;
+    #: `regular`: no turn, stairs, half-step, other duration, or doubt about the quantity.
     strides: dict[str, np.ndarray]
-    notes: tuple[Note, ...] = ()
+    notes: tuple[Note, ...] = ()  #: what is doubtful about the reference.
+    #: (quantity, note) of each quantity whose reference and estimate cannot both be right.
     contradicts: tuple[tuple[str, Note], ...] = ()
 
 
@@ -62,13 +56,12 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
 
     Quantities over the times at which both are valid:
         distance_m: distance walked from the first to the last of these times.
-        hip_rmse_deg_right …: root mean square error of each angle and of the foot path of each leg that both have;
-            its reference is 0, so that bias and limits of agreement are those of the RMSE over recordings. The error
-            of a whole walk is absolute: it includes the offsets while standing.
-        foot_rmse_cm_right, foot_height_rmse_cm_right …: root mean square error of the position of each foot that both
-            have, in the horizontal plane and in height, after the best-fitting turn about the vertical and shift.
+        hip_rmse_deg_right …: root mean square error of each angle and of the foot path of each leg, with the offsets
+            while standing; its reference is 0.
+        foot_rmse_cm_right, foot_height_rmse_cm_right …: that of the position of each foot, in the horizontal plane and
+            in height, after the best-fitting turn about the vertical and shift.
         stride_length_within_2sd_percent …: share of the strides whose error is within two standard deviations of the
-            estimate, where it has standard deviations; its reference is the share of a normal distribution.
+            estimate; its reference is the share of a normal distribution.
     Also every scalar diagnostic of the estimate (`nis_right`, `log_likelihood_right` …), with the reference's
     diagnostic of the same name, and every valid stride of the reference, see `stride_rows`.
 
@@ -78,24 +71,22 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     reference = walk.reference
     quantities: dict[str, tuple[float, float]] = {}
     strides: dict[str, np.ndarray] = {}
-    notes: tuple[Note, ...] = ()
-    contradicts: list[tuple[str, Note]] = []
+    notes, contradicts = list[Note](), list[tuple[str, Note]]()
     if reference is not None:
         common = common_samples(estimate, reference)
         quantities |= _distance(estimate, reference, common) | _trajectories(estimate, reference, common)
         quantities |= within_two_sd(estimate, reference)
-        strides, notes = stride_rows(estimate, reference), clock_notes(estimate, reference)
+        strides, notes = stride_rows(estimate, reference), [*clock_notes(estimate, reference)]
         way, known_way = quantities.get("distance_m", (NAN, NAN))
         if max(way, known_way) >= 1.0 and _apart(way, known_way, FACTOR):
-            off = DISTANCE_OFF(reference=known_way, estimate=way)
-            notes, contradicts = (*notes, off), [("distance_m", off)]
+            notes.append(DISTANCE_OFF(reference=known_way, estimate=way))
+            contradicts.append(("distance_m", notes[-1]))
         length, known_length = _median_lengths(strides, estimate, reference)
         # below the factor of strides and steps: two times 0.88, the least median of estimates over references of shoes
         # and waists on the public sets
         if _apart(length, known_length, 1.7):
-            off = STRIDES_OFF(reference=known_length, estimate=length)
-            notes = (*notes, off)
-            contradicts += [("stride_length_m", off)] if _apart(length, known_length, FACTOR) else []
+            notes.append(STRIDES_OFF(reference=known_length, estimate=length))
+            contradicts += [("stride_length_m", notes[-1])] if _apart(length, known_length, FACTOR) else []
     elif estimate.distance is not None:
         way = as_float(estimate.distance)[np.asarray(estimate.valid, bool)]
         quantities["distance_m"] = (float(way[-1] - way[0]), NAN) if way.size else (NAN, NAN)
@@ -103,7 +94,7 @@ def score(estimate: Estimate, walk: Walk) -> Scores:
     for name, value in estimate.diagnostics.items():
         if _is_number(value):
             quantities[name] = (float(value), float(known[name]) if _is_number(known.get(name)) else NAN)
-    return Scores(quantities, strides, notes, tuple(contradicts))
+    return Scores(quantities, strides, tuple(notes), tuple(contradicts))
 
 
 def _apart(estimate: float, reference: float, factor: float) -> bool:
@@ -112,10 +103,8 @@ def _apart(estimate: float, reference: float, factor: float) -> bool:
     return high > 0.0 and high > factor * low
 
 
-def _is_number(value: npt.ArrayLike | None) -> bool:
-    if value is None or isinstance(value, tuple | dict):
-        return False
-    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
+def _is_number(value: PyTree) -> bool:
+    return not isinstance(value, tuple | dict) and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
 
 
 def _distance(estimate: Estimate, reference: Estimate, common: np.ndarray) -> dict[str, tuple[float, float]]:
@@ -195,7 +184,7 @@ def stride_rows(estimate: Estimate, reference: Estimate) -> dict[str, np.ndarray
     count = len(theirs.length)
     start, end = span(theirs, standing=theirs.start is None)
     fixed = {"s_id": np.arange(count), "side": np.array(SIDES)[theirs.side], "start": start, "end": end}
-    return {name: np.concatenate([values] * len(rows)) for name, values in fixed.items()} | {
+    return {name: np.tile(values, len(rows)) for name, values in fixed.items()} | {
         "regular": np.concatenate(whole),
         "quantity": np.repeat(list(rows), count),
         "estimate": np.concatenate(list(rows.values())),
@@ -235,9 +224,7 @@ def values_of(strides: Strides, quantity: str) -> np.ndarray | None:
 
 def _matches(ours: Strides, theirs: Strides) -> np.ndarray:
     """For each stride of `theirs`, the index of the matching stride of `ours`, −1 for none."""
-    if not ours.side.size:
-        return np.full(theirs.side.size, -1)
-    row, paired = matched(ours, theirs)
+    row, paired = matched(ours, theirs) if ours.side.size else (np.full(theirs.side.size, -1), True)
     return np.where(paired, row, -1)
 
 

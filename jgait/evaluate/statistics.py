@@ -36,28 +36,19 @@ class Icc(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Bias and limits of agreement, each with its confidence interval, in the unit of the measurement.
+    """Bias and limits of agreement, each with the ends of its confidence interval, in the unit of the measurement."""
 
-    Attributes:
-        bias: mean of estimate − reference; `bias_low` and `bias_high` are the ends of its interval.
-        sd: standard deviation of a single difference, of any measurement of any subject.
-        lower: lower limit of agreement, with the ends of its interval.
-        upper: upper limit of agreement, with the ends of its interval.
-        n: number of differences.
-        n_subjects: number of subjects; n where each difference is of another subject.
-    """
-
-    bias: float
+    bias: float  #: mean of estimate − reference.
     bias_low: float
     bias_high: float
-    sd: float
+    sd: float  #: of a single difference, of any measurement of any subject.
     lower: float
     lower_low: float
     lower_high: float
     upper: float
     upper_low: float
     upper_high: float
-    n: int
+    n: int  #: number of differences.
     n_subjects: int
 
 
@@ -65,16 +56,11 @@ def icc21(ratings: npt.ArrayLike) -> Icc:
     """Intraclass correlation ICC(2,1): two-way random effects, absolute agreement, single measurement.
 
     ICC = (MSR − MSE) / (MSR + (k − 1) MSE + k (MSC − MSE) / n), with the mean squares of rows, columns and residual.
-    The interval is that of `LEVEL`, and assumes independent targets.
+    `ratings` (n, k) have a row a target and a column a rater. The interval is that of `LEVEL`, for independent targets.
 
-    Args:
-        ratings: (n, k), one row a target, one column a rater; finite.
+    Raises ValueError if there are not at least two targets and two raters, or a rating is not finite.
 
-    Raises:
-        ValueError: if there are not at least two targets and two raters, or a rating is not finite.
-
-    Source:
-        Shrout and Fleiss 1979, table 4 and its interval; McGraw and Wong 1996, table 7, case 2, ICC(A,1).
+    Source: Shrout and Fleiss 1979, table 4 and its interval; McGraw and Wong 1996, table 7, case 2, ICC(A,1).
     """
     table = as_float(ratings)
     if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
@@ -85,58 +71,48 @@ def icc21(ratings: npt.ArrayLike) -> Icc:
     between = k * np.sum(rows**2) / (n - 1)
     raters = n * np.sum(columns**2) / (k - 1)
     rest = np.sum((table - rows[:, None] - columns) ** 2) / ((n - 1) * (k - 1))
-    value = float(icc_of_squares(between, raters, rest, n, k))
-    return Icc(value, *_icc_interval(value, between, raters, rest, n, k), n)
-
-
-def icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: int) -> np.ndarray:
-    """ICC(2,1) from the mean squares of targets, raters and residual; NaN where all are 0; see `icc21`."""
-    total = as_float(between + (k - 1) * rest + k * (raters - rest) / n)
-    return np.divide(between - rest, total, out=np.full_like(total, np.nan), where=total > 0.0)
-
-
-def _icc_interval(value: float, between: float, raters: float, rest: float, n: int, k: int) -> tuple[float, float]:
-    """McGraw and Wong's interval; NaN where Satterthwaite's degrees of freedom are 0, possible if ICC < 0."""
+    value = float(_icc_of_squares(between, raters, rest, n, k))
+    if not value < 1.0:  # all ratings agree exactly, or all are equal: without noise no interval can be computed
+        return Icc(value, value, value, n)
     from scipy import stats
 
-    if not value < 1.0:  # all ratings agree exactly, or all are equal: without noise no interval can be computed
-        return value, value
     a = k * value / (n * (1.0 - value))
     parts = np.array([a * raters, (1.0 + a * (n - 1)) * rest])
     top = 0.5 + LEVEL / 2.0
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # Satterthwaite's degrees of freedom can be 0 if ICC < 0
         freedom = parts.sum() ** 2 / np.sum(parts**2 / np.array([k - 1.0, (n - 1.0) * (k - 1.0)]))
         down, up = stats.f.ppf(top, n - 1, freedom), stats.f.ppf(top, freedom, n - 1)
         noise = k * raters + (k * n - k - n) * rest
         low = n * (between - down * rest) / (down * noise + n * between)
         high = n * (up * between - rest) / (noise + n * up * between)
-    return (float(low), float(high)) if np.isfinite([low, high]).all() else (np.nan, np.nan)
+    known = np.isfinite([low, high]).all()
+    return Icc(value, float(low) if known else np.nan, float(high) if known else np.nan, n)
+
+
+def _icc_of_squares(between: Values, raters: Values, rest: Values, n: Values, k: int) -> np.ndarray:
+    """ICC(2,1) from the mean squares of targets, raters and residual; NaN where all are 0."""
+    total = as_float(between + (k - 1) * rest + k * (raters - rest) / n)
+    return np.divide(between - rest, total, out=np.full_like(total, np.nan), where=total > 0.0)
 
 
 def limits_of_agreement(
     estimate: npt.ArrayLike, reference: npt.ArrayLike, *, subjects: npt.ArrayLike | None = None
 ) -> Limits:
-    """Bland and Altman's limits, which contain the share `LEVEL` of the differences estimate − reference.
+    """Bland and Altman's limits, which contain the share `LEVEL` of the differences estimate − reference, each (N,).
 
-    limits = bias ± z √(σ_B² + σ_W²). An unbalanced one-way analysis of variance gives σ_W² within subjects and
-    σ_B² = (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²) between subjects, m the rows of each of n subjects, and not below 0.
-    The intervals add the variances of the bias and of z times the standard deviation, with t of n − 1; with 15
-    subjects of 1 to 11 rows, the intervals of the bias cover in 95 % of cases and those of the limits in 90 %.
+    limits = bias ± z √(σ_B² + σ_W²). An unbalanced one-way analysis of variance gives σ_W² within subjects and σ_B² =
+    (MSB − MSW) (n − 1) Σm / ((Σm)² − Σm²) between subjects, m the rows of each of n subjects, and not below 0. The
+    intervals add the variances of the bias and of z times the standard deviation, with t of n − 1; with 15 subjects of
+    1 to 11 rows, the intervals of the bias cover in 95 % of cases and those of the limits in 90 %. `subjects` (N,) is
+    the subject of each row; None where each row is of another subject.
 
-    Args:
-        estimate: (N,), finite.
-        reference: (N,), finite.
-        subjects: (N,) the subject of each row; None where each row is of another subject.
+    Raises ValueError if lengths differ, a value is not finite, or there are fewer than two subjects.
 
-    Raises:
-        ValueError: if lengths differ, a value is not finite, or there are fewer than two subjects.
-
-    Source:
-        Bland and Altman 1986, and 2007 section 3 (the true value varies) for repeated measurements.
+    Source: Bland and Altman 1986, and 2007 section 3 (the true value varies) for repeated measurements.
     """
     from scipy import stats
 
-    ours, theirs = finite_pair(estimate, reference, "estimate", "reference")
+    ours, theirs = _finite_pair(estimate, reference, "estimate", "reference")
     difference = ours - theirs
     if subjects is not None and np.shape(subjects) != difference.shape:
         raise ValueError(f"subjects must name one of each of {difference.size} rows; got shape {np.shape(subjects)}")
@@ -174,7 +150,7 @@ def _variances(difference: np.ndarray, sizes: np.ndarray, codes: np.ndarray) -> 
     return variance, of_bias, spread / (4.0 * variance)
 
 
-def finite_pair(column: npt.ArrayLike, other: npt.ArrayLike, *names: str) -> tuple[np.ndarray, np.ndarray]:
+def _finite_pair(column: npt.ArrayLike, other: npt.ArrayLike, *names: str) -> tuple[np.ndarray, np.ndarray]:
     """Two equally long columns of finite numbers, at least two of them."""
     first, second = as_float(column), as_float(other)
     if first.ndim != 1 or first.shape != second.shape or first.size < 2:
@@ -195,18 +171,13 @@ AGREEMENT = (
 
 
 class PairedDifference(NamedTuple):
-    """Change of errors, after − before; a negative change is an improvement.
+    """Change of errors, after − before; a negative change is an improvement."""
 
-    Attributes:
-        estimate: median over subjects of their mean change, in the unit of the errors, with its interval.
-        n: number of subjects; `better` and `worse`: those whose errors decreased or increased.
-    """
-
-    estimate: float
+    estimate: float  #: median over subjects of their mean change, in the unit of the errors.
     low: float
     high: float
-    n: int
-    better: int
+    n: int  #: number of subjects.
+    better: int  #: number of those whose errors decreased.
     worse: int
 
     @property
@@ -230,11 +201,7 @@ def _ends(values: npt.ArrayLike) -> tuple[float, float]:
 
 
 def paired_difference(
-    before: npt.ArrayLike,
-    after: npt.ArrayLike,
-    subjects: npt.ArrayLike,
-    *,
-    seed: int,
+    before: npt.ArrayLike, after: npt.ArrayLike, subjects: npt.ArrayLike, *, seed: int
 ) -> PairedDifference:
     """Median paired change of errors, with its 95 % interval over subjects; every subject has the same weight.
 
@@ -244,7 +211,7 @@ def paired_difference(
     Raises:
         ValueError: if the three differ in length, a value is not finite, or there are fewer than two subjects.
     """
-    first, second = finite_pair(before, after, "before", "after")
+    first, second = _finite_pair(before, after, "before", "after")
     if np.shape(subjects) != first.shape:
         raise ValueError(f"subjects must name one of each of the {first.size} rows; got shape {np.shape(subjects)}")
     names, codes = numbered_people(np.asarray(subjects, object))
@@ -266,9 +233,7 @@ def require_columns(table: "pd.DataFrame", names: Sequence[str]) -> None:
 
 def with_errors(table: "pd.DataFrame") -> "pd.DataFrame":
     """The table with columns `error` (estimate − reference), `abs_error` and `rel_error` (over the reference, or NaN).
-
-    Raises:
-        ValueError: if column `estimate` or `reference` is missing.
+    Raises ValueError if column `estimate` or `reference` is missing.
     """
     require_columns(table, ("estimate", "reference"))
     estimate, reference = (table[name].to_numpy(dtype=float) for name in ("estimate", "reference"))
@@ -314,40 +279,34 @@ def agreement(table: "pd.DataFrame", *, seed: int = 0, resamples: int = 2000) ->
 
 def _agreement(pairs: np.ndarray, codes: np.ndarray, *, seed: int, resamples: int) -> dict[str, float]:
     """One row of the table of agreement, from finite pairs (estimate, reference) (n, 2)."""
-    nan = float("nan")
     n, error, count = len(pairs), pairs[:, 0] - pairs[:, 1], len(np.unique(codes))
-    row = dict.fromkeys(AGREEMENT, nan) | {"n": n, "n_subjects": count}
+    row = dict.fromkeys(AGREEMENT, float("nan")) | {"n": n, "n_subjects": count}
     if n == 0:
         return row
     size = np.abs(error)
     row |= {"bias": error.mean(), "rmse": np.sqrt(np.mean(error**2)), "mae": size.mean(), "max_abs": size.max()}
-    varies = np.ptp(pairs[:, 1]) > 1e-6 * np.abs(pairs[:, 1]).max()  # else rounding errors
-    if n > 1 and varies:
-        row |= {"icc": icc21(pairs).value}
+    varies = n > 1 and np.ptp(pairs[:, 1]) > 1e-6 * np.abs(pairs[:, 1]).max()  # else rounding errors
+    icc = icc21(pairs) if varies else Icc(np.nan, np.nan, np.nan, n)
+    row["icc"] = icc.value
     if count < 2:
         return row
     limits = limits_of_agreement(*pairs.T, subjects=codes)
     row |= {"bias_low": limits.bias_low, "bias_high": limits.bias_high}
     row |= {"loa_low": limits.lower, "loa_high": limits.upper}
-    sums = _moments(pairs, codes)
+    # sums of each subject: n, Σ|x − y|, Σx, Σy, Σx², Σy², Σ(x + y)²; their sums over a resample give its statistics
+    x, y = (pairs - pairs.mean()).T
+    columns = (np.ones_like(x), size, x, y, x**2, y**2, (x + y) ** 2)
+    sums = np.stack([np.bincount(codes, column) for column in columns], axis=1)
     drawn = np.array([sums[draw].sum(axis=0) for draw in _draws(count, seed, resamples)])
     row["mae_low"], row["mae_high"] = _ends(drawn[:, 1] / drawn[:, 0])
-    if varies:
-        row["icc_low"], row["icc_high"] = _ends(_icc_of_moments(drawn)) if n > count else icc21(pairs)[1:3]
+    row["icc_low"], row["icc_high"] = _ends(_icc_of_sums(drawn)) if n > count and varies else icc[1:3]
     return row
 
 
-def _moments(pairs: np.ndarray, codes: np.ndarray) -> np.ndarray:
-    """(subjects, 7) n, Σ|x − y|, Σx, Σy, Σx², Σy², Σ(x + y)²; their sums over a resample give its statistics."""
-    x, y = (pairs - pairs.mean()).T
-    columns = (np.ones_like(x), np.abs(x - y), x, y, x**2, y**2, (x + y) ** 2)
-    return np.stack([np.bincount(codes, column) for column in columns], axis=1)
-
-
-def _icc_of_moments(sums: np.ndarray) -> np.ndarray:
-    """ICC(2,1) of two raters from the sums of `_moments` (..., 7)."""
+def _icc_of_sums(sums: np.ndarray) -> np.ndarray:
+    """ICC(2,1) of two raters from the sums (..., 7) of `_agreement`."""
     n, _, x, y, xx, yy, both = sums.T
     grand = (x + y) ** 2 / (2.0 * n)
     between, raters = both / 2.0 - grand, (x**2 + y**2) / n - grand
     rest = np.maximum(xx + yy - grand - between - raters, 0.0)
-    return icc_of_squares(between / (n - 1.0), raters, rest / (n - 1.0), n, 2)
+    return _icc_of_squares(between / (n - 1.0), raters, rest / (n - 1.0), n, 2)

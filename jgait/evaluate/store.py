@@ -5,7 +5,6 @@ is atomic: if the process is killed at any moment, only the unfinished batch is 
 """
 
 import json
-import math
 import os
 import shutil
 import time
@@ -53,23 +52,16 @@ class OtherEvaluationError(ValueError):
 
 @record
 class Cohort(NamedTuple):
-    """Results of an estimator on a cohort; pandas tables, sorted by recording.
+    """Results of an estimator on a cohort; pandas tables, sorted by recording, with the columns of `COLUMNS`."""
 
-    Attributes:
-        recordings: a row a recording: `recording subject n_samples seconds valid notes`; `valid` is the share of
-            samples with an estimate [1]; `notes` are JSON, read by `jgait.notes.from_json`.
-        quantities: a row a recording and quantity: `recording subject quantity estimate reference error abs_error
-            rel_error`, in the unit at the end of the quantity's name; NaN where there is no reference.
-        strides: a row a stride of the reference and quantity: the same columns, and `s_id side start end` [s], and
-            `regular`: the estimated stride has no flag that leaves the quantity out, see `StrideFlag.leaves_out`:
-            a turn, stairs, a half-step, an uneven duration, or a doubt about this quantity.
-        failures: `recording subject reason` of every recording without a result.
-    """
-
+    #: a row a recording; `valid` is the share of samples with an estimate [1]; `notes` are JSON, see `notes.from_json`.
     recordings: "pd.DataFrame"
+    #: a row a recording and quantity, in the unit at the end of the quantity's name; NaN where there is no reference.
     quantities: "pd.DataFrame"
+    #: a row a stride of the reference and quantity; `start end` [s]; `regular`: the estimated stride has no flag that
+    #: leaves the quantity out: a turn, stairs, a half-step, an uneven duration, or a doubt about this quantity.
     strides: "pd.DataFrame"
-    failures: "pd.DataFrame"
+    failures: "pd.DataFrame"  #: every recording without a result, and the reason.
 
     def usable(self) -> "Cohort":
         """The cohort without recordings whose notes say not to use any result, such as of people who do not walk."""
@@ -219,6 +211,7 @@ def _differences(there: dict[str, str], here: dict[str, str]) -> str:
 
 
 def _write(path: Path, text: str) -> None:
+    """Write a text, on the disk when this returns."""
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(text)
         file.flush()
@@ -226,23 +219,19 @@ def _write(path: Path, text: str) -> None:
 
 
 def read_table(path: Path, table: str) -> "pd.DataFrame":
-    """One of the tables of a `Cohort` from a CSV file; empty cells of numbers are NaN.
-
-    Raises:
-        FileNotFoundError: if there is no such file.
-        ValueError: if the table lacks a column, or has text instead of numbers.
+    """One of the tables of a `Cohort` from a CSV file; empty cells of numbers are NaN. Raises FileNotFoundError without
+    the file, ValueError if it lacks a column, or has text instead of numbers.
     """
     import pandas as pd
 
     # Cells are read as text and converted by Python: exact in every version of pandas, and a subject may be named NA.
     text = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
-    lacking = [name for name in COLUMNS[table] if name not in text]
-    if lacking:
+    if lacking := [name for name in COLUMNS[table] if name not in text]:
         raise ValueError(f"{path.name} has no column {lacking[0]!r}")
 
     def cells(name: str) -> Sequence[Any]:
         if _TYPES.get(name) == "bool":
             return [cell == "True" for cell in text[name]]
-        return list(text[name]) if name in _TEXT else [float(cell) if cell else math.nan for cell in text[name]]
+        return list(text[name]) if name in _TEXT else [float(cell or "nan") for cell in text[name]]
 
     return frame(table, {name: cells(name) for name in COLUMNS[table]})

@@ -34,23 +34,14 @@ if TYPE_CHECKING:
 
 @record
 class Setup(NamedTuple):
-    """A choice of sensors.
+    """A choice of sensors."""
 
-    Attributes:
-        placements: where they are worn, see `jgait.PLACEMENTS`.
-        rate_hz: sampling rate [Hz].
-        acc_range: largest specific force that an accelerometer reads [m/s²].
-        gyr_range: largest rate that a gyroscope reads [rad/s].
-        duty: share of the time in which the gyroscopes of shanks are on [1], in units of 1.4 s.
-        seconds: length of the recording [s].
-    """
-
-    placements: tuple[str, ...]
-    rate_hz: float = 100.0
-    acc_range: float = math.inf
-    gyr_range: float = math.inf
-    duty: float = 1.0
-    seconds: float = math.inf
+    placements: tuple[str, ...]  #: where they are worn, see `jgait.PLACEMENTS`.
+    rate_hz: float = 100.0  #: sampling rate [Hz].
+    acc_range: float = math.inf  #: largest specific force that an accelerometer reads [m/s²].
+    gyr_range: float = math.inf  #: largest rate that a gyroscope reads [rad/s].
+    duty: float = 1.0  #: share of the time in which the gyroscopes of shanks are on [1], in units of 1.4 s.
+    seconds: float = math.inf  #: length of the recording [s].
 
 
 def setups(**choices: Iterable[PyTree]) -> list[Setup]:
@@ -59,13 +50,10 @@ def setups(**choices: Iterable[PyTree]) -> list[Setup]:
 
 
 def degraded(recording: Recording, setup: Setup) -> Recording:
-    """A recording as the sensors of a set-up would have made it.
+    """A recording as the sensors of a set-up would have made it: means over the interval of the lower rate, clipped at
+    the ranges.
 
-    Signals are means over the interval of the lower rate, then clipped at the ranges.
-
-    Raises:
-        RecordingError: if it lacks a sensor, or its rate is below that of the set-up.
-        ValueError: a duty cycle without a schedule.
+    Raises RecordingError if it lacks a sensor or its rate is too low, ValueError for a duty cycle without a schedule.
     """
     check_recording(recording)
     if missing := [name for name in setup.placements if name not in recording.sensors]:
@@ -109,16 +97,11 @@ def people(
     key: PRNGKeyArray, n: int = 50, *, metres: float = 30.0, gait: str | None = None, sensor: ImuErrors = ON_SHOE,
     placements: Sequence[str] = simulate.SEVEN, rate_hz: float = 200.0,
 ) -> list[Walk]:  # fmt: skip
-    """Simulated walks of people like those of a study, of full quality, with their truth and body measures.
+    """Simulated walks of `n` people like those of a study, of full quality, with their truth and body measures.
 
-    Args:
-        key: PRNG key of the people, their steps and the errors of their sensors.
-        n: number of people, drawn from published norms.
-        metres: distance walked straight ahead [m].
-        gait: one of `jgait.simulate.GAITS`, such as "hemiparetic"; None for the usual gait.
-        sensor: errors of the sensors; a set-up changes rate and ranges alone.
-        placements: where sensors are worn.
-        rate_hz: sampling rate [Hz], the highest of all set-ups.
+    People, drawn from published norms, walk `metres` [m] straight ahead, with a gait of `jgait.simulate.GAITS`, such as
+    "hemiparetic", or the usual one. A set-up changes rate and ranges of the sensors alone: `rate_hz` is the highest
+    rate of all set-ups [Hz].
 
     Raises:
         ValueError: as `simulate.walks`.
@@ -138,12 +121,8 @@ def people(
 
 
 def own_truth(recording: Recording, setup: Setup, person: Mapping[str, PyTree] | None = None) -> Walk:
-    """A recording with its estimate at full quality as truth, by the sensors of a set-up at their own rate.
-
-    The standard deviations of that estimate are kept: `plan` adds them to the changes that a set-up makes.
-
-    Raises:
-        RecordingError: it lacks a sensor, or its estimator cannot use it.
+    """A recording with its estimate at full quality as truth, by the sensors of a set-up at their own rate; `plan` adds
+    its standard deviations to the changes that a set-up makes. Raises RecordingError if its estimator cannot use it.
     """
     full = degraded(recording, Setup(setup.placements, recording.sampling_rate_hz))
     estimator, body = estimator_of(full), dict(person or {})
@@ -159,13 +138,9 @@ def _known(estimator: Estimator[PyTree, PyTree], body: Mapping[str, PyTree]) -> 
 def plan(
     walks: Sequence[Walk], choices: Sequence[Setup], measure: str = "stride_length", *, people: int = 1
 ) -> "pd.DataFrame":
-    """The errors of a measure of strides that set-ups would give; a row each.
+    """The errors of a measure of strides, such as "stride_length", that set-ups would give; a row each.
 
-    Args:
-        walks: of full quality with their truth, from `people` or `own_truth`.
-        choices: the set-ups.
-        measure: column of strides, such as "stride_length".
-        people: number of people whose mean is asked for.
+    The walks, of full quality with their truth, are from `people` or `own_truth`; the mean of `people` people is asked.
 
     Returns:
         The fields of `Setup`; `estimator`; `walks` that could be estimated and `strides`; in SI units, but angles in
@@ -228,9 +203,7 @@ def _row(walks: Sequence[Walk], setup: Setup, column: str, people: int) -> dict[
 def _stated(walk: Walk, column: str) -> float:
     """Root mean square of the stated deviations of the truth's strides; 0 of an exact truth."""
     truth, (field, factor) = walk.reference, STRIDE_COLUMNS[column]
-    if truth is None or truth.strides is None or truth.strides_stddev is None or not field:
-        return 0.0
-    if (spread := getattr(truth.strides_stddev, field)) is None:
+    if truth is None or truth.strides is None or (spread := getattr(truth.strides_stddev, field or "-", None)) is None:
         return 0.0
     known = as_float(spread)[np.asarray(truth.strides.valid, bool)]
     return factor * math.sqrt(np.nanmean(known**2)) if np.isfinite(known).any() else 0.0
