@@ -68,8 +68,8 @@ class Source(NamedTuple):
     copies: Sequence[Note] = ()  #: notes on recordings whose files are copies.
 
     def with_failures(self, results: Cohort) -> tuple[Cohort, list[tuple[str, str]]]:
-        """Results of `evaluate.cohort` whose failures contain rows that cannot be items, and these (recording, reason),
-        which are printed; exits with code 2 if nothing could be used.
+        """Results whose failures contain rows that cannot be items, and these (recording, reason), printed; exits with
+        code 2 if nothing could be used.
         """
         import pandas as pd
 
@@ -88,9 +88,7 @@ class Source(NamedTuple):
         return results._replace(failures=every[["recording", "subject", "reason"]]), failures
 
     def versions(self, names: Iterable[str], columns: Sequence[str] = ("file",)) -> dict[str, str]:
-        """File → its content, of the files of these recordings that are in the columns of a table; else name → the
-        mark.
-        """
+        """File → its content, of these recordings' files in columns of a table; else name → its mark."""
         if not isinstance(self.read, CohortFiles):
             return {name: f"{self.marks[name]}: {name}" for name in names if name in self.marks}
         paths = {file: path for name in names for file, path in self.read.files(name, columns).items()}
@@ -121,10 +119,8 @@ def source(
     table: Path | None, dataset: str | None, simulated: int | None, seed: int, gyr_unit: str | None,
     acc_unit: str | None, measures: Sequence[str], params: Path | None = None,
 ) -> Source:  # fmt: skip
-    """The cohort of the command's options, of files, of a public set or simulated, its notes printed; exits with code 2
-    if there is none.
-
-    Noted are missing `measures` of a person, which the estimator uses, and recordings on which `params` were tuned.
+    """The cohort that the options select, its notes printed; exits with code 2 if there is none. Noted are missing
+    `measures` of a person, and recordings on which `params` were tuned.
     """
     given = [name for name, value in (("a table", table), ("--dataset", dataset), ("--simulated", simulated)) if value]
     if len(given) != 1:
@@ -185,9 +181,7 @@ def _of_dataset(name: str) -> Source:
 def evaluated(
     pipeline: Estimator[PyTree, PyTree], start: PyTree, source: Source, dask: str | None = None, **settings: Any
 ) -> Cohort:
-    """The results of `evaluate.cohort` with further settings, computed here or by the workers of the scheduler at an
-    address; exits with code 2 if there can be none.
-    """
+    """The results of `evaluate.cohort`, computed here or by Dask's workers; exits with code 2 if there can be none."""
     body_of = functools.partial(body, measures=measures_of(pipeline))
     with machines.client_of(dask) as client, progress() as bars, refused():
         bar, total = Bar(bars), len(source.items)
@@ -203,12 +197,10 @@ def evaluated(
 
 
 def opened(
-    table: Path | None, dataset: str | None, simulated: int | None, seed: int, estimator: str, paper: bool,
-    params: Path | None, gyr_unit: str | None, acc_unit: str | None,
+    estimator: str, paper: bool, params: Path | None, table: Path | None, dataset: str | None, simulated: int | None,
+    seed: int, gyr_unit: str | None, acc_unit: str | None,
 ) -> tuple[Estimator[PyTree, PyTree], PyTree, Source]:  # fmt: skip
-    """The estimator, its parameters and the cohort that the options of a command select; exits with code 2 if there is
-    none.
-    """
+    """The estimator, its parameters and the cohort, as of `source`; exits with code 2 if there is none."""
     pipeline = pipeline_of(estimator, paper, params)
     start = start_of(pipeline, params, paper)
     cohort = source(table, dataset, simulated, seed, gyr_unit, acc_unit, measures_of(pipeline), params)

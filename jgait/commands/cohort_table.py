@@ -2,17 +2,17 @@
 
 import contextlib
 import csv
-import difflib
 import hashlib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jgait import estimators, io
+from jgait.commands.console import meant
 from jgait.commands.pipeline import measures_of
 from jgait.commands.recordings import recording_of
 from jgait.estimators import proportions
@@ -84,10 +84,8 @@ def is_cohort(path: Path) -> bool:
 
 
 def rows_of(path: Path) -> tuple[dict[str, dict[str, str]], list[str], list[tuple[str, str]]]:
-    """The rows of a table by file, its columns, and (name, reason) of rows that cannot be used.
-
-    Raises:
-        ValueError: if the file is no table with a column `file`.
+    """The rows of a table by file, its columns, and (name, reason) of rows that cannot be used. Raises ValueError if it
+    is no table with a column `file`.
     """
     if not path.is_file():
         raise ValueError(f"there is no such file: {path}")
@@ -102,24 +100,23 @@ def rows_of(path: Path) -> tuple[dict[str, dict[str, str]], list[str], list[tupl
     names = [name.strip().lower() for name in header]
     if "file" not in names:
         listed = ", ".join(map(repr, names[:8])) + (", …" if len(names) > 8 else "")
-        raise ValueError(f"{path} needs a column 'file'; it has {listed}{_meant('file', names, 0.6)}")
+        raise ValueError(f"{path} needs a column 'file'; it has {listed}{meant('file', names, 0.6)}")
     rows: dict[str, dict[str, str]] = {}
+    places: dict[Path, str] = {}
     failures: list[tuple[str, str]] = []
     for number, record in enumerate(records, 2):
         row = {name: cell.strip() for name, cell in zip(names, record, strict=False)}
         file = row.get("file", "")
         if len(record) > len(names):
             failures.append((file or f"line {number}", f"line {number} has more cells than the header has columns"))
-        elif not file or file in rows:
-            failures.append((f"line {number}", f"{file} is listed twice" if file else "it names no file"))
+        elif not file:
+            failures.append((f"line {number}", "it names no file"))
+        elif (first := places.setdefault((path.parent / file).resolve(), file)) != file or file in rows:
+            twice = f"{file} is listed twice" if first == file else f"{file} and {first} are the same file"
+            failures.append((f"line {number}", twice))
         else:
             rows[file] = row
     return rows, names, failures
-
-
-def _meant(name: str, known: Iterable[str], cutoff: float) -> str:
-    near = difflib.get_close_matches(name, known, 1, cutoff)
-    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 class CohortFiles:
@@ -192,7 +189,7 @@ def _number(row: dict[str, str], name: str) -> float | None:
 def table_notes(names: Sequence[str], rows: Mapping[str, Mapping[str, str]], measures: Sequence[str]) -> list[Note]:
     """Notes about columns that the user may have misspelt or forgotten; `measures` are those of the estimator."""
     others = [name for name in names if name not in COLUMNS]
-    notes = [LEFT_OUT.note(f"column {name!r} is left out{_meant(name, COLUMNS, 0.7)}") for name in others]
+    notes = [LEFT_OUT.note(f"column {name!r} is left out{meant(name, COLUMNS, 0.7)}") for name in others]
     if not any(row.get("subject") for row in rows.values()):
         notes.append(SUBJECTS_UNKNOWN())
     # measures of which a note says that the default is used: the result is proportional to them, or shifted

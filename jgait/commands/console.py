@@ -1,6 +1,7 @@
 """Output of the commands: messages, JSON files, progress bars, and exit with an error message."""
 
 import contextlib
+import difflib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -117,6 +118,12 @@ def note(message: object) -> None:
     errors.print(visible(message), highlight=False, style="yellow", soft_wrap=True)
 
 
+def meant(name: str, known: Iterable[str], cutoff: float = 0.5) -> str:
+    """The end of a message about an unknown name: the known one that is nearest, if one is near."""
+    near = difflib.get_close_matches(name, known, 1, cutoff)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
 def count(number: int, singular: str, plural: str) -> str:
     """A number with a noun in the singular or plural."""
     return f"{number} {singular if number == 1 else plural}"
@@ -126,8 +133,8 @@ def show(
     *headings: str, rows: Iterable[Sequence[object]], below: Iterable[Sequence[object]] = (), left: int = 1,
     title: str | None = None,
 ) -> None:  # fmt: skip
-    """Print a table, its first columns aligned left, the others right; rows may be shorter than the headings, those
-    `below` are of a section of their own.
+    """Print a table, its first columns aligned left; rows may be shorter than the headings, `below` is a section of its
+    own.
     """
     table = Table(title=title, title_justify="left")
     for number, heading in enumerate(headings):

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from jgait import datasets
-from jgait.commands.console import Bar, progress, say, show, stop, write_json
+from jgait.commands.console import Bar, progress, refused, say, show, write_json
 
 Json = Annotated[Path | None, typer.Option("--json", help="Write the same as JSON to this file.")]
 
@@ -47,9 +47,8 @@ def download(name: str) -> Path:
 
 
 def _show(name: str, json_file: Path | None, locate: Callable[[str], Path]) -> None:
-    try:
+    """Print the folder of a data set; exits with code 2 if there is none."""
+    with refused("", Exception):
         folder = str(locate(name))
-    except Exception as error:
-        stop(str(error))
     say(folder)
     write_json(json_file, {name: folder})

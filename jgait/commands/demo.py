@@ -8,12 +8,13 @@ import typer
 
 from jgait import datasets
 from jgait.commands import jobs, report
-from jgait.commands.console import console, show_table, stop, write_json, wrote
+from jgait.commands.console import console, refused, show_table, stop, write_json, wrote
 from jgait.commands.datasets import download
 from jgait.commands.folder import results_folder
 from jgait.report.page import Table
 
 PAGE = "real_walk.html"
+SHOWN = ("What each sensor says", "Against the reference", report.MOVED)
 
 
 def demo(
@@ -36,10 +37,8 @@ def demo(
     if dataset not in ("auto", "simulated", "neura_sparse"):
         stop(f"--dataset is auto, simulated or neura_sparse; got '{dataset}'")
     if dataset == "neura_sparse" and not datasets.available("neura_sparse"):
-        try:
+        with refused("", Exception):
             download("neura_sparse")
-        except Exception as error:
-            stop(str(error))
     numbers: dict[str, Any] = {}
     if dataset != "simulated" and datasets.available("neura_sparse"):
         walk = datasets.load("neura_sparse")[0]
@@ -50,7 +49,7 @@ def demo(
             wrote(folder.publish([page.save(folder.stage / PAGE)]))
         for section in page.content.sections:
             for part in section.parts:
-                if section.heading in ("What each sensor says", "Against the reference") and isinstance(part, Table):
+                if section.heading in SHOWN and isinstance(part, Table):
                     show_table(part, section.heading)
         numbers = page.numbers
     elif dataset == "auto":

@@ -62,6 +62,17 @@ class Outcome(NamedTuple):
         lines = (line for flag in doubts for line in flag.text.splitlines())
         return item.recording, self.subject, item.key, result, self.reason or "; ".join(lines)
 
+    def write(self, place: Path) -> Path:
+        """Write this into the folder of the recording's files, and return the folder."""
+        write_text(place / "outcome.json", json.dumps(console.plain(self._asdict()), default=str))
+        return place
+
+    @classmethod
+    def read(cls, place: Path) -> "Outcome":
+        """What `write` wrote."""
+        outcome = cls(**json.loads((place / "outcome.json").read_text(encoding="utf-8")))
+        return outcome._replace(flags=[Flag(*flag) for flag in outcome.flags])
+
 
 def estimate(
     context: typer.Context,
@@ -89,10 +100,7 @@ def estimate(
     option: options.Options = None,
     table_format: Annotated[str, typer.Option(help="Of the tables: csv, parquet or json.")] = "csv",
     out: Annotated[
-        Path,
-        typer.Option(
-            help="Folder for tables and figures; earlier ones of the same recording are replaced.",
-        ),
+        Path, typer.Option(help="Folder for tables and figures; earlier ones of the same recording are replaced.")
     ] = Path("jgait-results"),
     dask: machines.Dask = None,
     part: machines.PartText = None,
@@ -173,9 +181,7 @@ def estimate(
 def _items(
     files: list[Path], tables: Mapping[Path, cohorts.Source], format: str | None, trial: str | None
 ) -> list[Item]:
-    """The recordings in files, and in the files that tables list; their results begin with the file's stem, after the
-    names of as many of its folders as others share it.
-    """
+    """The recordings in files, and in those that tables list, each with the first part of the names of its results."""
     listed = [(file.parent / cell, file, cell) if file in tables else (file, None, "")
               for file in files for cell in (tables[file].items if file in tables else ("",))]  # fmt: skip
     called = _called([file for file, _, _ in listed])
@@ -189,22 +195,21 @@ def _items(
 
 
 def _called(files: list[Path]) -> dict[Path, list[str]]:
-    """File → its stem, after as many of its folders as tell it from the others: joined, the first part of the names of
-    its results; exits with code 2 if that of two files would be the same.
-    """
-
-    def first(parts: list[str]) -> str:
-        return "_".join(parts).casefold()
-
+    """File → its stem, after as many of its folders as tell it from the others; exits with code 2 if none do."""
+    places: dict[Path, Path] = {}
+    for number, file in enumerate(files):
+        if (first := places.setdefault(file.resolve(), file)) is not file or file in files[:number]:
+            stop(f"{file} is given twice{'' if first == file else f': as {first}, too'}; give each recording once")
     whole = {file: [*file.resolve().parent.parts[1:], file.stem] for file in files}
     called = {file: parts[-1:] for file, parts in whole.items()}
     for depth in range(2, max(map(len, whole.values()), default=0) + 1):
-        many = Counter(map(first, called.values()))
-        called = {file: whole[file][-depth:] if many[first(parts)] > 1 else parts for file, parts in called.items()}
-    if len(set(map(first, called.values()))) < len(files):
-        many = Counter(first(called[file]) for file in files)
-        shared = ", ".join(str(file) for file in files if many[first(called[file])] > 1)
-        stop(f"the results of these files would have the same names: {shared}; estimate each into another --out")
+        many = Counter("_".join(parts).casefold() for parts in called.values())
+        alike = {file for file, parts in called.items() if many["_".join(parts).casefold()] > 1}
+        called |= {file: whole[file][-depth:] for file in alike}
+    many = Counter("_".join(parts).casefold() for parts in called.values())
+    if shared := [str(file) for file in files if many["_".join(called[file]).casefold()] > 1]:
+        shown = ", ".join(shared)
+        stop(f"the results of these files would have the same names: {shown}; estimate each into another --out")
     return called
 
 
@@ -212,21 +217,19 @@ def _outcomes(
     items: Sequence[Item], read: Read, job: EstimateJob, folder: ResultsFolder, ending: str, dask: str | None,
     words: list[str], kept: bool = False,
 ) -> list[tuple[Item, Outcome]]:  # fmt: skip
-    """Estimate recordings here or on the workers of Dask, but for those that parts have done by the words of this
-    command, and move the files of each into the folder.
-
-    With `kept`, as in a part, the files of each recording stay in a folder among the intermediate results.
+    """Estimate recordings, but for those that parts have done by the words of this command, and move their files into
+    the folder; with `kept`, as in a part, into one among the intermediate results.
     """
     work = partial(_estimated, read, job, folder.stage.resolve(), ending, words)
     there = {item: folder.run / item.name for item in items if (folder.run / item.name).is_dir()}
-    ready = {item: place for item, place in there.items() if _outcome_in(place).command == words}
+    ready = {item: place for item, place in there.items() if Outcome.read(place).command == words}
     made: dict[Item, Outcome] = {}
     with machines.client_of(dask) as client:
         for item, place in chain(ready.items(), _places(work, [i for i in items if i not in ready], client)):
             if place is None:
                 died = Outcome(item.subject or item.file.stem, DIED, command=words)
-                place = _noted(Path(tempfile.mkdtemp(dir=folder.stage)), died)
-            outcome = _outcome_in(place)
+                place = died.write(Path(tempfile.mkdtemp(dir=folder.stage)))
+            outcome = Outcome.read(place)
             console.say_failures([(item.key, outcome.reason)] if outcome.reason else [])
             if kept and place.parent != folder.run:
                 folder.run.mkdir(exist_ok=True)
@@ -274,18 +277,7 @@ def _estimated(
         numbers = {**made.numbers, "flags": [flag._asdict() for flag in made.flags]}
         joined = {name: file for name, file in tables.items() if name in job.joined and len(made.tables[name])}
         outcome = Outcome(subject, "", made.flags, made.rows, numbers, joined, [file.name for file in files])
-    return _noted(place, outcome._replace(command=words))
-
-
-def _noted(place: Path, outcome: Outcome) -> Path:
-    """Write an outcome into its folder, and return the folder."""
-    write_text(place / "outcome.json", json.dumps(console.plain(outcome._asdict()), default=str))
-    return place
-
-
-def _outcome_in(place: Path) -> Outcome:
-    outcome = Outcome(**json.loads((place / "outcome.json").read_text(encoding="utf-8")))
-    return outcome._replace(flags=[Flag(*flag) for flag in outcome.flags])
+    return outcome._replace(command=words).write(place)
 
 
 def _together(made: Sequence[tuple[Item, Outcome]], names: Iterable[str], out: Path) -> dict[str, "pd.DataFrame"]:
@@ -306,26 +298,21 @@ def _together(made: Sequence[tuple[Item, Outcome]], names: Iterable[str], out: P
 
 
 def _show(job: EstimateJob, made: Sequence[tuple[Item, Outcome]], notes: bool) -> None:
-    """Print the numbers of all recordings, and how far to trust each."""
+    """Print the numbers of all recordings, and how far to trust each; then its flags, or how many there are."""
     rows = [("" if number else item.name, *row) for item, outcome in made for number, row in enumerate(outcome.rows)]
     if rows:
         headings = ("recording", "measure", "value", "from")[: max(map(len, rows))]
         console.show(*headings, rows=rows, left=4, title=job.title)
     for item, outcome in made:
-        if not outcome.reason:
-            _say_trust(item.label, outcome.flags, notes)
+        if outcome.reason:
+            continue
+        grade = next((flag.grade for flag in outcome.flags if flag.grade in DOUBTS), "info")
+        say(f"{item.label}: {verdict(outcome.flags)}", STYLES[grade] or "bold")
+        for flag in outcome.flags if notes else ():
+            for line in flag.text.splitlines():
+                say(f"  {GRADES[flag.grade]}: {line}", STYLES[flag.grade])
+            say(f"    {flag.meaning}")
+        if lines := 0 if notes else sum(len(flag.text.splitlines()) for flag in outcome.flags):
+            say(f"  {count(lines, 'remark', 'remarks')}: --notes prints them", "dim")
     if notes and rows:
         console.console.print(job.caption, style="dim")
-
-
-def _say_trust(label: str, flags: Sequence[Flag], every: bool) -> None:
-    """Print how far to trust a recording; then each flag with its meaning, or how many there are."""
-    grade = next((flag.grade for flag in flags if flag.grade in DOUBTS), "info")
-    say(f"{label}: {verdict(flags)}", STYLES[grade] or "bold")
-    for flag in flags if every else ():
-        for line in flag.text.splitlines():
-            say(f"  {GRADES[flag.grade]}: {line}", STYLES[flag.grade])
-        say(f"    {flag.meaning}")
-    if flags and not every:
-        lines = sum(len(flag.text.splitlines()) for flag in flags)
-        say(f"  {count(lines, 'remark', 'remarks')}: --notes prints them", "dim")

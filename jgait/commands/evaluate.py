@@ -71,9 +71,8 @@ def evaluate(
     recording) and figures. A recording that cannot be used stops no other. Exit code 0: all recordings were used; 1:
     some could not be used; 2: none.
     """
-    pipeline, start, source = cohorts.opened(
-        table, dataset, simulated, seed, estimator, paper, params, gyr_unit, acc_unit
-    )
+    words = table, dataset, simulated, seed, gyr_unit, acc_unit
+    pipeline, start, source = cohorts.opened(estimator, paper, params, *words)
     with console.refused("--loss: "):
         names = [] if loss is None else list(parsed(loss))
     with console.refused():
@@ -110,10 +109,9 @@ def evaluate(
     })  # fmt: skip
     rows = results.recordings
     of_people = console.count(rows["subject"].nunique(), "person", "people")
-    many = (
-        f"{console.count(len(rows), 'recording', 'recordings')} of {of_people}, {rows['seconds'].sum():.0f} s recorded"
-    )
-    console.say(f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}: {many}")
+    many = f"{console.count(len(rows), 'recording', 'recordings')} of {of_people}"
+    title = f"{pipeline.name}{', the paper’s pipeline' if paper else ''} on {source.title}"
+    console.say(f"{title}: {many}, {rows['seconds'].sum():.0f} s recorded")
     for agreement_table in reports.cohort.agreement_tables(agreement):
         console.show_table(agreement_table, "agreement with the reference")
     for line in reports.cohort.remarks(usable, agreement, "stride_time" in (pipeline.about.losses or ())):
@@ -131,8 +129,8 @@ def _judged(
     pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
     printed: list[tuple[str, str]],
 ) -> "pd.DataFrame":  # fmt: skip
-    """The errors of the recordings in each loss, empty where a reference cannot answer it; `printed` are failures that
-    were printed before.
+    """The errors of the recordings in each loss, empty where a reference cannot answer it; `printed` are known
+    failures.
     """
     import pandas as pd
 

@@ -24,15 +24,11 @@ def run_of(out: Path, command: str) -> Path:
 
 
 class ResultsFolder:
-    """A folder of results that this process alone writes.
+    """A folder of results that this process alone writes: into `stage`, until `publish` moves the files; `run` holds
+    intermediate results, with which a killed command continues.
 
     Its manifest `.jgait-COMMAND.json` holds the arguments, the files that the command wrote, each with the recording
-    that it is of, and whether the command ended. Files are written into `stage` and moved by `publish`.
-
-    Attributes:
-        path: the folder.
-        stage: folder for files until `publish` moves them.
-        run: folder of intermediate results, with which a killed command continues.
+    that it is of, and whether the command ended.
     """
 
     def __init__(
@@ -71,10 +67,8 @@ class ResultsFolder:
         self.stage.mkdir()
 
     def publish(self, files: Sequence[Path]) -> list[Path]:
-        """Move files from `stage` into the folder; of a bound folder, all that this command wrote before goes, of
-        another one, what it wrote before of the same recordings.
-
-        A file that is there already with the same content stays as it is.
+        """Move files from `stage` into the folder, but for equal ones. Of a bound folder, all that this command wrote
+        before goes, of another one, what it wrote before of the same recordings.
         """
         new = {file.name: self._planned.get(file.name, "") for file in files}
         self._check(new)
@@ -125,26 +119,15 @@ def unfinished(path: Path, command: str) -> bool:
 
 @contextlib.contextmanager
 def results_folder(
-    out: Path,
-    command: str,
-    arguments: Mapping[str, Any] | None,
-    *,
-    planned: Mapping[str, str] | Iterable[str] = (),
-    inputs: Iterable[Path | None] = (),
-    json_file: Path | None = None,
-    fresh: bool = False,
-) -> Iterator[ResultsFolder]:
+    out: Path, command: str, arguments: Mapping[str, Any] | None, *, planned: Mapping[str, str] | Iterable[str] = (),
+    inputs: Iterable[Path | None] = (), json_file: Path | None = None, fresh: bool = False,
+) -> Iterator[ResultsFolder]:  # fmt: skip
     """The folder of a command's results, made and locked; exits with code 2 if it cannot be used, or written to.
 
-    Args:
-        out: the folder.
-        command: name of the command.
-        arguments: what the results depend on, JSON values; the folder holds results of one set of arguments. A key
-            that is absent counts as unchanged. None: results of different arguments may lie side by side.
-        planned: names of the files that will be written, if known; or name → recording that the file is of.
-        inputs: files that the command reads; None is left out.
-        json_file: a further output, or None.
-        fresh: delete results of other arguments, and intermediate results.
+    It holds results of one set of `arguments`, JSON values on which they depend; a key that is absent counts as
+    unchanged; with None, results of different arguments may lie side by side. `planned` are names of the files that
+    will be written, if known, perhaps with the recording of each; `fresh` deletes results of other arguments, and
+    intermediate results.
     """
     sources = dict(planned) if isinstance(planned, Mapping) else dict.fromkeys(planned, "")
     keep_inputs([*(out / name for name in sources), json_file], inputs)

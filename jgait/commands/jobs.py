@@ -104,9 +104,8 @@ def job_of(
         return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about)
 
     made = reports.Made(estimator, None, choice.estimator.params, "the paper's" if paper else "")
-    return EstimateJob(
-        about, compute, made, "; ".join(filter(None, (about.caption.format(**choice.settings), CAPTION)))
-    )
+    caption = about.caption.format(**choice.settings)
+    return EstimateJob(about, compute, made, "; ".join(filter(None, (caption, CAPTION))))
 
 
 def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
@@ -132,9 +131,8 @@ def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
             tables[table.name] = pd.DataFrame(table.rows(estimate))
     listed = {table.json: tables[table.name] for table in about.tables if table.json and table.name in tables}
     rows = [*([total.words, total.text] for total in results.totals), *map(list, about.facts(estimate))]
-    return _of(
-        made, tuple(estimate.diagnostics.get("notes", ())), results, tables, rows, listed, about.numbers(estimate)
-    )
+    notes = tuple(estimate.diagnostics.get("notes", ()))
+    return _of(made, notes, results, tables, rows, listed, about.numbers(estimate))
 
 
 def of_analysis(made: Analysis) -> RecordingResults:

@@ -62,8 +62,8 @@ class JobPart(NamedTuple):
 
     def end(self, out: Path, used: int, failed: int) -> None:
         """Print what this part did; exits with code 1 if some recordings could not be used."""
-        say(f"part {self}: {count(used + failed, 'recording', 'recordings')}, {failed} of them failed; with all parts "
-            f"there: jgait join {out}")  # fmt: skip
+        many = count(used + failed, "recording", "recordings")
+        say(f"part {self}: {many}, {failed} of them failed; with all parts there: jgait join {out}")
         if failed:
             raise typer.Exit(1)
 

@@ -53,14 +53,12 @@ def owners(option: str) -> list[str]:
 
 def epilog() -> str:
     """A paragraph for each estimator, with the columns that it needs, and one for each of its `Options`."""
-    lines = []
-    for name in EVERY:
-        about = estimators.about_of(name)
-        lines.append(f"{name}: {about.title}. {'Columns: ' + about.needs if about.needs else ''}".rstrip())
+    abouts = {name: estimators.about_of(name) for name in EVERY}
+    lines = [f"{name}: {about.title}." + f" Columns: {about.needs}" * bool(about.needs)
+             for name, about in abouts.items()]  # fmt: skip
     known = {name: option for options in EVERY.values() for name, option in options.items() if name not in PLAIN}
-    return "\n\n".join(
-        [*lines, *(f"{named(name)} ({', '.join(owners(name))}): {option.help}" for name, option in known.items())]
-    )
+    lines += [f"{named(name)} ({', '.join(owners(name))}): {option.help}" for name, option in known.items()]
+    return "\n\n".join(lines)
 
 
 def given(texts: list[str] | None, height: str | None, thigh: str | None, shank: str | None) -> dict[str, str]:

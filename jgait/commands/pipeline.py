@@ -78,9 +78,8 @@ def missing(about: About, body: Mapping[str, Any], params: PyTree, default: PyTr
 
 
 def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any]) -> Choice:
-    """The choice that the options select; exits with code 2 if it does not exist.
-
-    `values` are the options that only some estimators have, see `jgait.commands.options.given`.
+    """The choice of the options, with `values` of those that only some estimators have; exits with code 2 if there is
+    none.
     """
     pipeline_of(name, paper, file)
     given = given_of(name, values)
@@ -98,9 +97,8 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
 
 
 def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings:
-    """The settings of the paper's pipeline or of the default one, with those for which the parameters were tuned.
-
-    Exits with code 2 if the file of parameters cannot be read, or was tuned with settings that do not exist.
+    """The settings of the pipeline, with those for which the parameters in a file were tuned; exits with code 2 if
+    these cannot be read, or do not exist.
     """
     options: Any = about.paper if paper else about.default
     tuned: dict[str, Any] = {}
@@ -119,9 +117,7 @@ def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings
 def pipeline_of(
     name: str, paper: bool, file: Path | None = None, noise: str | None = None, soft: bool = False
 ) -> Estimator[PyTree, PyTree]:
-    """The estimator of this name, with a noise model and soft stances if asked for; exits with code 2 if there is none,
-    or no pipeline of a paper.
-    """
+    """The estimator, with a noise model and soft stances if asked for; exits with code 2 if there is none."""
     if paper and name in estimators.names() and estimators.about_of(name).paper is None:
         known = [estimator for estimator in estimators.names() if estimators.about_of(estimator).paper is not None]
         stop(f"--paper is an option of {' and '.join(known)}; got --estimator {name}")
@@ -163,10 +159,8 @@ def tunings(file: Path | None) -> list[dict[str, Any]]:
 def not_held_out(
     file: Path | None, versions: Mapping[str, str] | None = None, subjects: Mapping[str, str] | None = None
 ) -> tuple[Note, ...]:
-    """The note that a file of parameters was tuned on a cohort, with the errors held out; empty if it was not.
-
-    With versions and subjects of the recordings to be judged, by name, as of `cohort.Source`, the note states how many
-    of them are among those of the tuning.
+    """The note that a file of parameters was tuned on a cohort, with the errors held out; with versions and subjects of
+    the recordings to be judged, by name, how many of them are among those of the tuning.
     """
     first, *before = tunings(file)
     if file is None or not first.get("cohort"):

@@ -1,5 +1,6 @@
 """`jgait plan`: the errors that set-ups of sensors would give, from simulated people or from a recording."""
 
+import contextlib
 import math
 from pathlib import Path
 from typing import Annotated, Any
@@ -121,13 +122,12 @@ def _places(text: str) -> tuple[str, ...]:
 
 def _numbers(option: str, text: str) -> list[float]:
     """Positive numbers of a text; exits with code 2 if it has others."""
-    try:
+    values = []
+    with contextlib.suppress(ValueError):
         values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if not values or not all(value > 0.0 for value in values):
-        stop(f"{option} is a list of positive numbers, such as 1,2; got {text!r}")
-    return values
+    if values and all(value > 0.0 for value in values):
+        return values
+    return stop(f"{option} is a list of positive numbers, such as 1,2; got {text!r}")
 
 
 def _name(row: dict[Any, Any], choices: list[study.Setup]) -> str:

@@ -66,7 +66,7 @@ def loss_of(pipeline: Estimator[PyTree, PyTree], walks: Sequence[Walk]) -> str:
 
 
 def _answers(pipeline: Estimator[PyTree, PyTree]) -> list[str]:
-    return [name for name in PREFERRED if pipeline.about.losses is None or name in pipeline.about.losses]
+    return [name for name in PREFERRED if name in (pipeline.about.losses or PREFERRED)]
 
 
 @dataclass(frozen=True)
@@ -115,27 +115,24 @@ def numbers(pipeline: Estimator[PyTree, PyTree], start: PyTree) -> list[Number]:
     """The numbers of the parameters that could be learned; not those of people's bodies."""
     body = (m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline))
     without, known, rows = (*pipeline.unused, *body), stated(start), []
-    for name, transform, value in zip(
-        names(pipeline.transforms), *map(_leaves, (pipeline.transforms, start)), strict=True
-    ):
+    leaves = (jax.tree.leaves(tree, is_leaf=_is_transform) for tree in (pipeline.transforms, start))
+    for name, transform, value in zip(names(pipeline.transforms), *leaves, strict=True):
         if transform.to_free is None or np.ndim(value) or any(f"{name}.".startswith(f"{other}.") for other in without):
             continue
         entry = known.get(name) or known.get(name.rpartition(".")[0])
         deviation = KNOWN * abs(float(value)) if entry is None or np.isnan(entry.deviation) else entry.deviation
         free = transform.to_free(jnp.asarray(value, float))
         if deviation > 0.0 and np.isfinite(free):
-            rows.append(
-                Number(name, float(value), deviation, deviation / abs(float(jax.grad(transform.to_natural)(free))))
-            )
+            step = deviation / abs(float(jax.grad(transform.to_natural)(free)))
+            rows.append(Number(name, float(value), deviation, step))
     return rows
 
 
 def learnable(
     pipeline: Estimator[PyTree, PyTree], start: PyTree, made: Lessons, groups: Sequence[str], terms: Objective
 ) -> list[str]:
-    """Names of the parameters that move the loss as far as they deviate, in the same direction by the references of all
-    people, or days, and that are not collinear; those that move it most come first. Exits with code 2 if there is none,
-    or if there are too few people for a verdict.
+    """The parameters that move the loss as far as they deviate, in the same direction for all people, or days, and that
+    are not collinear, the strongest first; exits with code 2 if there is none, or too few people.
     """
     count = len(set(groups))
     if count < ENOUGH:
@@ -173,10 +170,6 @@ def priors_of(pipeline: Estimator[PyTree, PyTree], start: PyTree, learned: Seque
 
 def _is_transform(node: object) -> bool:
     return hasattr(node, "to_free")
-
-
-def _leaves(tree: PyTree) -> list[PyTree]:
-    return jax.tree.leaves(tree, is_leaf=_is_transform)
 
 
 def _scores(

@@ -46,11 +46,8 @@ OPTIONS = {
 """Argument of a reader → the option of the same meaning."""
 
 
-def in_options(error: RecordingError, *names: str) -> RecordingError:
-    """The error, with the command's option instead of the reader's argument, and without the recording's names.
-
-    Commands print the file before the error.
-    """
+def _in_options(error: RecordingError, *names: str) -> RecordingError:
+    """The error, with the command's option instead of the reader's argument, and without the recording's names."""
     option = OPTIONS.get(error.argument, error.argument)
     if isinstance(error.value, dict):
         option += "".join(f" '{sensor}={place}'" for sensor, place in error.value.items())
@@ -64,7 +61,7 @@ def in_options(error: RecordingError, *names: str) -> RecordingError:
     return RecordingError(text)
 
 
-def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
+def _places(given: list[str] | None) -> dict[str, Any]:
     """The placement for files of one sensor, and sensor → placement; exits with code 2 for any other text."""
     pairs = [text.rpartition("=")[::2] for text in given or ()]
     for sensor, where in pairs:
@@ -76,7 +73,7 @@ def places_of(given: list[str] | None) -> tuple[str | None, dict[str, str]]:
         stop("--place: give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
     if len(alone) > 1:
         stop(f"--place: without the sensor’s name there can be one placement; got {' and '.join(alone)}")
-    return (alone[0] if alone else None), places
+    return {"placement": alone[0] if alone else None, "placements": places}
 
 
 class Item(NamedTuple):
@@ -125,12 +122,11 @@ def how(
     place: list[str] | None, trial: str | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """The arguments of `recording_of` that the options of this module state; exits with code 2 for a wrong place."""
-    placement, placements = places_of(place)
     given = {
         "rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
-        "placement": placement, "placements": placements, "trial": trial,
+        "trial": trial,
     }  # fmt: skip
-    return {name: value for name, value in given.items() if value is not None}
+    return {name: value for name, value in given.items() if value is not None} | _places(place)
 
 
 def only(file: Path, how: Mapping[str, Any]) -> Recording:
@@ -142,28 +138,16 @@ def only(file: Path, how: Mapping[str, Any]) -> Recording:
 
 
 def recording_of(
-    file: Path,
-    *,
-    rate: float | None = None,
-    gyr_unit: str | None = None,
-    acc_unit: str | None = None,
-    range_unit: str = "m",
-    format: str | None = None,
-    placement: str | None = None,
-    placements: Mapping[str, str] | None = None,
-    trial: str | None = None,
-    **called: PyTree,
-) -> Recording:
-    """A recording from a user's file or folder of any format, as the options of this module state it.
+    file: Path, *, rate: float | None = None, gyr_unit: str | None = None, acc_unit: str | None = None,
+    range_unit: str = "m", format: str | None = None, placement: str | None = None,
+    placements: Mapping[str, str] | None = None, trial: str | None = None, **called: PyTree,
+) -> Recording:  # fmt: skip
+    """A recording from a user's file or folder, as the options state it; `called` are `name` and `subject`.
 
-    Units may be in any case. `placement` is for files of one sensor, `placements` the file's name of a sensor → its
-    placement; `called` are `name` and `subject`.
-
-    Raises:
-        OSError: if the file does not exist, or may not be read.
-        ValueError: for unknown units or formats; `RecordingError` for a recording that cannot be used.
+    Raises OSError if the file cannot be read, ValueError for unknown units or formats or an unusable recording.
     """
-    gyr_unit, acc_unit = (unit and unit.lower() for unit in (gyr_unit, acc_unit))
+    given: dict[str, Any] = {"gyr_unit": gyr_unit and gyr_unit.lower(), "acc_unit": acc_unit and acc_unit.lower()}
+    given |= {"sampling_rate_hz": rate, "placement": placement, **called}
     try:
         kind = format or (io.format_of(file) if file.exists() else "csv")
         if trial is not None:
@@ -172,15 +156,9 @@ def recording_of(
             return io.read_mobilised(file, trial=trial, **called)
         text = kind == "csv" and not file.is_dir() and file.suffix.lower() in (".csv", ".tsv", ".txt")
         if text and not placements and not (file.exists() and columns.foreign(file)):
-            return io.read_csv(
-                file, sampling_rate_hz=rate, gyr_unit=gyr_unit, acc_unit=acc_unit,
-                range_unit=range_unit, placement=placement, **called,
-            )  # fmt: skip
-        return io.read(
-            file, format=kind, placement=placement, placements=placements or None, sampling_rate_hz=rate,
-            gyr_unit=gyr_unit, acc_unit=acc_unit, **called,
-        )  # fmt: skip
+            return io.read_csv(file, range_unit=range_unit, **given)
+        return io.read(file, format=kind, placements=placements or None, **given)
     except FileNotFoundError as error:  # commands print the file before the error
         raise FileNotFoundError("there is no such file") from error
     except RecordingError as error:
-        raise in_options(error, called.get("name") or file.stem, file.name) from error
+        raise _in_options(error, called.get("name") or file.stem, file.name) from error

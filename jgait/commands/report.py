@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
-from jgait import estimators
+from jgait import estimators, evaluate
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
 from jgait.commands import jobs, options, recordings
@@ -19,11 +20,14 @@ from jgait.datasets import DatasetUnavailable
 from jgait.estimators.combined import MEASURES, Analysis
 from jgait.notes import grouped
 from jgait.report import Report, moves
-from jgait.report.page import Section
+from jgait.report.page import Cell, Section, Table, significant
 from jgait.tune import explain as explained_by
-from jgait.types import Walk, reason_of
+from jgait.types import Estimate, Walk, reason_of
 
 EPILOG = options.epilog()
+
+MOVED = "Against the reference, without the offset at standing"
+"""Heading of the errors of angles as README states them."""
 
 COHORTS_BY = "leg_ekf"
 """The estimator of a cohort if none is named."""
@@ -91,21 +95,19 @@ def report(
         if what is not None and dataset is not None:
             stop("give one of: a file, --dataset NAME; got both")
         job = jobs.job_of(estimator or (COHORTS_BY if paper or params else None), paper, params, person, given)
-        with refused(f"{dataset}: ", DatasetUnavailable):
-            walk = (
-                cohorts.of_set(str(dataset), str(recording))
-                if what is None
-                else Walk(recordings.only(what, files), None, {})
-            )
+        if what is not None:
+            walk = Walk(recordings.only(what, files), None, {})
+        else:
+            with refused(f"{dataset}: ", DatasetUnavailable):
+                walk = cohorts.of_set(str(dataset), str(recording))
         page, failures = of_walk(walk, job, str(what or f"{dataset}: {recording}"), command, explain), 0
     else:
         if person is not None:
             stop("--person is of one recording; for a cohort put columns into its table")
         for name in given:
             stop(f"{options.named(name)} is of one recording; for a cohort put a column into its table")
-        pipeline, start, source = cohorts.opened(
-            what, dataset, simulated, seed, estimator or COHORTS_BY, paper, params, gyr_unit, acc_unit
-        )
+        words = what, dataset, simulated, seed, gyr_unit, acc_unit
+        pipeline, start, source = cohorts.opened(estimator or COHORTS_BY, paper, params, *words)
         keep_inputs((out, json_file), source.files)
         rows, failed = source.with_failures(cohorts.evaluated(pipeline, start, source))
         made = reports.Made(
@@ -144,17 +146,40 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str, explain:
     made = job.made._replace(file=data, command=command)
     more: list[Section] = []
     if isinstance(result.made, Analysis):
-        first, name, settings, person = result.made.sources[0], result.made.sources[0].estimator, {}, result.made.person
+        first, person = result.made.sources[0], result.made.person
+        estimator = estimators.get(first.estimator)
     else:
-        first, name, settings, person = result.made, job.name, result.made.settings, {}
+        first, person, estimator = result.made, {}, estimators.get(job.name, **result.made.settings)
     if explain is not None:
         with refused(f"--explain: {data}: "):
-            estimator = estimators.get(name, **settings)
             more = [moves.section(explained_by(estimator, first.params, walk.recording, explain, person=person))]
+    more += _moved(result.made.estimate, walk)
     if isinstance(result.made, Analysis):
         return reports.of_analysis(result.made, walk.recording, reference=walk.reference, made=made, more=more)
     made = made._replace(params=first.params)
-    return reports.of_estimate(first.estimate, walk.recording, reference=walk.reference, made=made, more=more)
+    return reports.of_estimate(result.made.estimate, walk.recording, reference=walk.reference, made=made, more=more)
+
+
+def _moved(estimate: Estimate, walk: Walk) -> list[Section]:
+    """Errors of angles in the window of walking, without their offset in that of standing, as README states them, if
+    any.
+    """
+    windows = walk.info.get("windows") or {}
+    if walk.reference is None or not {"whole", "standing"} <= set(windows):
+        return []
+    samples = np.arange(len(walk.reference.time))
+    walking, standing = ((samples >= first) & (samples < end)
+                         for first, end in map(windows.get, ("whole", "standing")))  # fmt: skip
+    try:
+        errors = evaluate.trajectory_errors(estimate, walk.reference, walking, standing)
+    except ValueError:
+        return []
+    rows = [[Cell(f"{joint} angle, {side}"), Cell(significant(errors.loc[side, f"{joint}_deg"]))]
+            for side in errors.index for joint in ("hip", "knee")]  # fmt: skip
+    caption = (
+        "Root mean square differences from walking off to standing again, without the mean difference at standing."
+    )
+    return [Section(MOVED, "", [Table(caption, ("", "difference [°]"), rows)])]
 
 
 def _of_folder(folder: Path, command: str) -> tuple[Report, int]:

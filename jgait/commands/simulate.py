@@ -1,5 +1,6 @@
 """`jgait simulate`: walks with known truth, as the files that a lab would record."""
 
+import contextlib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,13 +32,11 @@ def simulate(
     ] = "straight:20",
     gait: Annotated[str | None, typer.Option(help=f"A gait that is not the usual one: {', '.join(GAITS)}.")] = None,
     sensors: Annotated[
-        str | None,
-        typer.Option(help="Such as ideal, mpu6000, opal (its range of 200 g), idg300; default mpu6000."),
+        str | None, typer.Option(help="Such as ideal, mpu6000, opal (its range of 200 g), idg300; default mpu6000.")
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Samples a second [Hz]; default 100.")] = None,
     placements: Annotated[
-        str | None,
-        typer.Option(help="Where sensors are worn, such as thigh_right,shank_right; default seven."),
+        str | None, typer.Option(help="Where sensors are worn, such as thigh_right,shank_right; default seven.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Random seed of people, their steps and the errors of the sensors.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("jgait-simulation"),
@@ -116,13 +115,11 @@ def _route(text: str) -> Route:
     expected = "--route is straight:LENGTH, u_turn:LENGTH, about_turn:LENGTH, rectangle:A,B or circle:RADIUS in metres"
     if name not in ROUTES:
         stop(f"{expected}; got {text!r}")
-    try:
+    with contextlib.suppress(ValueError):
         metres = [float(text) for text in lengths.split(",")]
-    except ValueError:
-        metres = []
-    if len(metres) != ROUTES[name] or not all(1.0 <= metre <= 1000.0 for metre in metres):
-        stop(f"{expected}, from 1 to 1000 m; got {text!r}")
-    return getattr(simulation, name)(*metres)
+        if len(metres) == ROUTES[name] and all(1.0 <= metre <= 1000.0 for metre in metres):
+            return getattr(simulation, name)(*metres)
+    return stop(f"{expected}, from 1 to 1000 m; got {text!r}")
 
 
 def _written(

@@ -1,6 +1,5 @@
 """`jgait tune`: parameters from a cohort by gradient, judged on people from whom they were not learned."""
 
-import dataclasses
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,12 +11,13 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import console, machines, recordings, tune_report, tune_run
 from jgait.commands import preset as presets
 from jgait.commands.cohort_table import COPIED, REFERENCES
-from jgait.commands.console import refused, say_failures, stop
+from jgait.commands.console import meant, refused, say_failures, stop
 from jgait.commands.folder import results_folder
 from jgait.commands.pipeline import measures_of, pipeline_of, start_of, tunings
 from jgait.notes import of_recordings
 from jgait.params import freed, priors
-from jgait.tune import LOSSES, Lessons, objective, parsed
+from jgait.params import names as parameters
+from jgait.tune import Lessons, objective, parsed
 
 SOFT = frozenset({"softness", "threshold_factor"})
 """Parameters of soft stances: who frees one of them gets soft stances, for the hard decision has no gradient."""
@@ -80,8 +80,12 @@ def tune(
     names, weights, judged = _asked(free, loss, judge, preset, cross)
     pipeline = pipeline_of(estimator, paper, params, noise, soft=not SOFT.isdisjoint(names))
     start = start_of(pipeline, params, paper)
-    with refused("--free: "):
+    try:
         learned = freed(pipeline.transforms, *names)
+    except ValueError as error:
+        known = [part for name in parameters(pipeline.transforms) for part in {name.partition(".")[0], name}]
+        wrong = next(name for name in names if name not in known)
+        stop(f"--free: {error}{meant(wrong, known)}")
     for name in names:
         if any(name == other or name.startswith(f"{other}.") for other in pipeline.unused):
             stop(f"--free: no number of {pipeline.name} depends on {name} with these options")
@@ -133,9 +137,8 @@ def tune(
             tune_run.say_notes(ready, start, walks, made, weights)
         prior = priors(start) if preset is None else presets.priors_of(pipeline, start, names)
         settings = {"steps": steps, "starts": starts, "key": jax.random.key(seed), "priors": prior}
-        shown = dataclasses.replace(terms, terms=((LOSSES[judged].error, 1.0),))
         fits = settings, folds, folder.run, of, client
-        job = tune_run.Job(pipeline, start, learned, made, groups, terms, shown, judged, *fits)
+        job = tune_run.Job(pipeline, start, learned, made, groups, terms, judged, *fits)
         results = tune_run.run(job, cross, weights)
         title = f"{pipeline.name}{', the paper’s pipeline,' if paper else ''} tuned on {source.title}"
         outcome = None if results is None else tune_report.report(title, job, results, how, folder, failures, json_file)

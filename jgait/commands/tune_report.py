@@ -53,7 +53,12 @@ def report(
     files = [plot.save(plot_tuning.training(fit, title=title), out / "training.png")]
     if left is not None:
         medians = {name: float(left.table[f"error_{name}"].median()) for name in ("before", "after")}
-        held_out = {"error": job.judged, "unit": job.unit, "n": len(left.table), **medians}  # of people, or of days
+        held_out = {
+            "error": job.error.words,
+            "unit": job.error.unit,
+            "n": len(left.table),
+            **medians,
+        }  # of people, or of days
         change = _held_out(job, left.items, out, files)
     origin = how | doubts | {"held_out": held_out}
     tuned = io.write_params(out / "tuned.json", fit.params, estimator=job.pipeline.name, stderr=spreads, made=origin)
@@ -67,8 +72,8 @@ def report(
     if results.errors is not None:
         before, after = map(significant, results.errors)
         losses = (significant(value, 4) for value in (fit.losses[0], fit.best_loss))
-        error_text = f"{job.judged} [{job.unit}] of the recordings learned from, median: {before} before, {after} after"
-        say(f"{error_text}; loss {' before, '.join(losses)} after")
+        error_text = f"{job.error.words} [{job.error.unit}] of the recordings learned from, median: "
+        say(f"{error_text}{before} before, {after} after; loss {' before, '.join(losses)} after")
     for line in [] if known is None else known.sentences:
         say(f"· {line}")
     if undetermined:
@@ -83,7 +88,7 @@ def report(
     wrote(files)
     write_json(json_file, {
         **how, **doubts, "steps_taken": fit.losses.size, "values": values,
-        "held_out": None if change is None else change._asdict() | {"unit": job.unit},
+        "held_out": None if change is None else change._asdict() | {"unit": job.error.unit},
         "losses": [float(v) for v in fit.losses], "failures": dict(failures), "files": list(map(str, files)),
     })  # fmt: skip
     if held_out is not None and left is not None:
@@ -101,7 +106,7 @@ def _held_out(job: Job, items: "pd.DataFrame", out: Path, files: list[Path]) -> 
     in_cells(table[columns]).to_csv(out / "held_out.csv", index=False)
     rows = items[np.isfinite(items[["error_before", "error_after"]]).all(axis=1)]
     drawn = plot_cohort.before_after(
-        rows, unit=job.unit, name=job.judged,
+        rows, unit=job.error.unit, name=job.error.words,
         title=f"each {job.groups.singular} judged by parameters learned from other {job.groups.many}",
     )  # fmt: skip
     files += [out / "held_out.csv", plot.save(drawn, out / "before_after.png")]
@@ -133,9 +138,11 @@ def _show_held_out(table: "pd.DataFrame", job: Job, change: PairedDifference) ->
     rows += [(f"… and {len(table) - 30} more",)] if len(table) > 30 else []
     every = ((f"median of {plural}", np.nanmedian), ("worst", np.nanmax))
     below = [(name, "", *(significant(of(table[error])) for error in errors[:2])) for name, of in every]
-    title = f"{job.judged} [{job.unit}] of {plural} left out of the tuning, worst first"
+    title = f"{job.error.words} [{job.error.unit}] of {plural} left out of the tuning, worst first"
     show(singular, "recordings", "before", "after", "change", rows=rows, below=below, title=title)
-    change_words = f"median change {significant(change.estimate)} {'points' if job.unit == '%' else job.unit}"
+    change_words = (
+        f"median change {significant(change.estimate)} {'points' if job.error.unit == '%' else job.error.unit}"
+    )
     sides = f"{change.better} better, {change.worse} worse"
     if change.n < ENOUGH:
         say(f"{change_words}; {sides} (a verdict needs {ENOUGH} {plural})")

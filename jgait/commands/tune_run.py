@@ -1,7 +1,8 @@
 """The computations of `jgait tune`: lessons, cross-validation, the fit to all people, and standard errors."""
 
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -34,9 +35,7 @@ COMPARED = {"distance": "distance_m", "stride_length": "stride_length_m", "calib
 def prepared(
     source: cohorts.Source, pipeline: Estimator[PyTree, PyTree], failures: list[tuple[str, str]]
 ) -> tuple[cohorts.Source, Estimator[PyTree, PyTree]]:
-    """The cohort, read, without the signals of its sensors, and an estimator that has prepared its recordings. Walks
-    that cannot be read are added to the failures.
-    """
+    """The cohort without signals, and an estimator that has prepared them; unreadable walks become failures."""
     made: dict[str, PyTree] = {}
     walks = []
     with progress() as bars:
@@ -60,11 +59,8 @@ def lessons_of(
     pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
     failures: list[tuple[str, str]], losses: Sequence[str],
 ) -> Lessons:  # fmt: skip
-    """The lessons of the cohort, with the measures of each person. A walk whose reference cannot answer one of the
-    losses is a failure.
-
-    Raises:
-        ValueError: if there are none.
+    """The lessons of the cohort, with the measures of each person; walks whose reference cannot answer a loss are
+    failures. Raises ValueError if there are none.
     """
     learned = {name.split(".")[0] for name in names}
     parameters = {m.name: m.parameter or m.name for m in pipeline.about.measures if m.name in measures_of(pipeline)}
@@ -113,9 +109,8 @@ def lessons_of(
 def say_notes(
     ready: Estimator[PyTree, PyTree], start: PyTree, walks: cohorts.Source, made: Lessons, losses: Collection[str]
 ) -> None:
-    """Print what is doubtful about the recordings learned from and their references, as `jgait evaluate` does.
-
-    Exits with code 2 if the references of all contradict the estimates, as in another unit, in what the losses compare.
+    """Print what is doubtful about the recordings learned from and their references; exits with code 2 if the
+    references of all contradict the estimates, as in another unit, in what the losses compare.
     """
     compared = {quantity for loss, quantity in COMPARED.items() if loss in losses}
     off: dict[str, Note] = {}
@@ -163,8 +158,7 @@ class Job(NamedTuple):
     made: Lessons
     groups: Groups
     loss: Objective
-    error: Objective  #: reported for each person, with its name and unit.
-    judge: str  #: its name in `tune.LOSSES`, beside the unit and the words that state it.
+    judge: str  #: name in `tune.LOSSES` of the error that is reported for each person.
     settings: dict[str, Any]  #: arguments of every fit.
     folds: int | None  #: groups of people or days; None: one is left out at a time.
     run: Path  #: folder of the checkpoints.
@@ -172,14 +166,9 @@ class Job(NamedTuple):
     client: "Client | None" = None
 
     @property
-    def unit(self) -> str:
-        """The unit of the error."""
-        return tuning.LOSSES[self.judge].unit
-
-    @property
-    def judged(self) -> str:
-        """The error in words."""
-        return tuning.LOSSES[self.judge].words
+    def error(self) -> tuning.Loss:
+        """The error that is reported, with its unit and its words."""
+        return tuning.LOSSES[self.judge]
 
 
 class TuningResults(NamedTuple):
@@ -193,11 +182,11 @@ class TuningResults(NamedTuple):
 
 
 def run(job: Job, cross: bool, loss: Collection[str]) -> TuningResults | None:
-    """`learned` under a progress bar, its warnings printed; exits with code 2 if the parameters cannot be learned."""
+    """`_learned` under a progress bar, its warnings printed; exits with code 2 if the parameters cannot be learned."""
     with progress() as bars, warnings.catch_warnings(record=True) as caught, refused("", TypeError):
         warnings.simplefilter("always")
         try:
-            results = learned(job, Bar(bars), cross, loss)
+            results = _learned(job, Bar(bars), cross, loss)
         except OtherFitError as error:
             stop(f"{error}; --fresh starts anew")
     for message in dict.fromkeys(str(warning.message) for warning in caught):
@@ -205,19 +194,21 @@ def run(job: Job, cross: bool, loss: Collection[str]) -> TuningResults | None:
     return results
 
 
-def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults | None:
+def _learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningResults | None:
     """Cross-validate, fit, and compute which parameters the data determine; None of a part of the fits."""
-    groups, data, file = job.groups, job.made.data, job.run / "steps.npz"
+    groups, data = job.groups, job.made.data
     if job.run.exists():
         console.print("continuing an earlier run with the same settings", highlight=False)
 
-    def report(what: str, then: str = "") -> Callable[[Progress], None]:
+    def report(what: str, then: str = "") -> dict[str, Any]:
+        """The arguments of a fit: its settings, its checkpoint, and its progress on the bar."""
+
         def state(p: Progress) -> None:
             bar(f"{what}: loss {p.loss:.4g}, gradient {p.gradient_norm:.2g}", p.done, p.total)
             if then and p.done == p.total:
                 bar.begin(then)
 
-        return state
+        return {**job.settings, "checkpoint_file": job.run / "steps.npz", "progress": state}
 
     validation, left_out, errors = None, list[str](), None
     if cross and len(set(groups.labels)) < 2:
@@ -228,9 +219,9 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
     if cross and not left_out:
         bar.begin(f"learning from all people, and from other {groups.many} (compiling)")
         validation = tuning.cross_validate(
-            job.loss, job.start, job.free, data, folds=job.folds, error=job.error, subjects=groups.labels,
-            progress=report(f"learning from other {groups.many}", f"judging the {groups.many} left out (compiling)"),
-            checkpoint_file=file, part=job.part, client=job.client, **job.settings,
+            job.loss, job.start, job.free, data, folds=job.folds, subjects=groups.labels, part=job.part,
+            client=job.client, error=replace(job.loss, terms=((job.error.error, 1.0),)),
+            **report(f"learning from other {groups.many}", f"judging the {groups.many} left out (compiling)"),
         )  # fmt: skip
         if validation is None:
             return None
@@ -238,9 +229,8 @@ def learned(job: Job, bar: Bar, cross: bool, loss: Collection[str]) -> TuningRes
     else:
         bar.begin("learning from all people (compiling)")
         fit = tuning.fit(
-            job.loss, job.start, job.free, data, subjects=job.made.subjects, checkpoint_file=file,
-            progress=report("learning from all people"), **job.settings,
-        )  # fmt: skip
+            job.loss, job.start, job.free, data, subjects=job.made.subjects, **report("learning from all people")
+        )
         before, after = (
             float(evaluate.judged(job.pipeline, p, job.made, [job.judge])[job.judge].median())
             for p in (job.start, fit.params)
@@ -265,10 +255,9 @@ def _determined(job: Job, fit: Fit[PyTree], likelihood: bool) -> tuple[Identifia
     )
     if people > numbers:
         try:
-            information = "hessian" if likelihood else "sandwich"
-            data, subjects = job.made.data, job.made.subjects
             return tuning.identifiability(
-                job.loss, fit.params, job.free, data, subjects=subjects, information=information
+                job.loss, fit.params, job.free, job.made.data, subjects=job.made.subjects,
+                information="hessian" if likelihood else "sandwich",
             ), ""  # fmt: skip
         except ValueError as error:
             why = str(error)

@@ -1,6 +1,7 @@
 """The page of a cohort."""
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -42,17 +43,16 @@ if TYPE_CHECKING:
 DRAWN = ("distance_m", "stride_length_m", "stride_width_m", "walking_speed_mps", "stride_duration_s")
 """Quantities with figures, where two people or more have them."""
 
+FEWEST_PEOPLE = 5
+"""[1] Least number of people for limits of agreement and ICC: t of the limits' interval is 12.7 with 2, 2.8 with 5."""
+
 WITHIN = "_within_2sd_percent"
 """End of the name of a quantity that states how many errors the stated deviations contain."""
 
 
 def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None) -> Report:
-    """The page of a cohort: agreement with the reference, Bland–Altman, people, recordings, and failures.
-
-    Args:
-        cohort: result of `jgait.evaluate.cohort`.
-        title: name of the cohort.
-        made: how the results were made; None leaves this out.
+    """The page of a cohort, of `jgait.evaluate.cohort`: agreement with the reference, Bland–Altman, people, recordings,
+    and failures; `made` states how the results were made.
 
     Raises:
         ValueError: if the cohort has no recording, neither used nor failed.
@@ -132,12 +132,14 @@ def _of_numbers(cohort: Cohort, usable: Cohort) -> Iterator[Flag]:
         yield Flag("info", f"{of_recordings(without, kept, 'has', 'have')} no reference", meaning)
     if 0 < people < 10:
         meaning = "Limits of agreement of few people are uncertain themselves; their intervals are drawn beside them."
+        if people < FEWEST_PEOPLE:
+            meaning = f"n is too few for limits of agreement and ICC, which need {FEWEST_PEOPLE} people."
         yield Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning)
 
 
 def of_notes(recordings: "pd.DataFrame") -> list[Flag]:
     """The notes that put recordings in doubt, by meaning: how many recordings, and an example; those that all errors
-    depend on first, those that most cohorts have last. One recording that is not usable does not spoil the cohort.
+    depend on first, those that most cohorts have last.
     """
     kinds: dict[tuple[str, str], dict[str, list[Note]]] = {}
     for name, text in zip(recordings["recording"], recordings["notes"], strict=True):
@@ -172,6 +174,7 @@ def _headline(paired: "pd.DataFrame", agreement: "pd.DataFrame") -> list[tuple[s
             words, unit = readable(name)
             row = agreement.loc[name]
             limits = f"95 % limits of agreement {_span(row['loa_low'], row['loa_high'])} {unit}"
+            limits = limits if row["n_subjects"] >= FEWEST_PEOPLE else "too few people for limits of agreement"
             facts.append((f"{words.capitalize()}: bias", f"{significant(row['bias'])} {unit}", limits))
     relative = paired.loc[paired["quantity"] == "distance_m", "rel_error"].abs().dropna()
     if len(relative):
@@ -189,15 +192,17 @@ def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
         if "_rmse_" in str(name):
             curves.append([*cells, *(Cell(significant(row[c]), float(row[c])) for c in ("bias", "max_abs"))])
             continue
-        rows.append([
-            *cells, _interval(row, "bias"), Cell(_span(row["loa_low"], row["loa_high"]), row["loa_high"]),
-            _interval(row, "mae"), Cell(significant(row["max_abs"]), float(row["max_abs"])), _interval(row, "icc"),
-        ])  # fmt: skip
+        limits, icc = Cell(_span(row["loa_low"], row["loa_high"]), row["loa_high"]), _interval(row, "icc")
+        if row["n_subjects"] < FEWEST_PEOPLE:
+            limits = icc = Cell("n too few", math.nan)
+        worst = Cell(significant(row["max_abs"]), float(row["max_abs"]))
+        rows.append([*cells, _interval(row, "bias"), limits, _interval(row, "mae"), worst, icc])
     tables = []
     if rows:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
-            "compares with how much the people differ: 1 is perfect, and – where the reference does not vary. Regular "
+            "compares with how much the people differ: 1 is perfect, and – where the reference does not vary. Limits "
+            f"and ICC need {FEWEST_PEOPLE} people: with fewer, n is too few. Regular "
             "strides are in no turn, on no stairs, no half-step and not uneven; those of lengths and speeds are not in "
             "doubt either. Half-steps from and to standing make the ICC of all strides' lengths larger."
         )
@@ -213,10 +218,7 @@ def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
 
 
 def remarks(usable: Cohort, agreement: "pd.DataFrame", has_strides: bool) -> list[str]:
-    """Sentences about the agreement: strides that are not compared, stated deviations, errors of the distance.
-
-    `has_strides` tells whether the estimator has strides, or only a distance that is compared with them.
-    """
+    """Sentences about the agreement; `has_strides` tells whether the estimator has strides, or only a distance."""
     lines, rows = [], usable.paired()
     lacking: dict[str, list[str]] = {}
     for name in agreement.index.intersection(list(STRIDE_COLUMNS)):
@@ -279,8 +281,7 @@ def _people(cohort: Cohort, usable: Cohort) -> Section:
     used = cohort.recordings.groupby("subject")["recording"].count()
     errors = usable.by_subject().dropna(subset="error").pivot(index="subject", columns="quantity")
     shown = ("distance_m", "stride_length_m", "walking_speed_mps", "stride_width_m")
-    quantities = [name for name in shown if ("error", name) in errors]
-    rows = []
+    quantities, rows = [name for name in shown if ("error", name) in errors], []
     for subject in sorted({*map(str, used.index), *(name for name in lost if name)}):
         means = errors.loc[subject] if subject in errors.index else {}
         each = [means.get((kind, name)) for name in quantities for kind in ("error", "abs_error")]

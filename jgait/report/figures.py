@@ -21,10 +21,7 @@ def pictures(
     estimate: Estimate, reference: Estimate | None = None, special: Sequence[EstimateFigure] = (),
     made: EstimatedRecording | None = None,
 ) -> list[Picture]:  # fmt: skip
-    """The figures for everything that an estimate contains, the reference dashed.
-
-    `special` are those of the estimator's `about` and need `made`; figures with a caption are also drawn.
-    """
+    """The figures of an estimate, the reference dashed, and those of the estimator's `about`, which need `made`."""
     drawn: list[Picture] = []
     measured = bool(np.any(estimate.valid))
     if has_strides(estimate):

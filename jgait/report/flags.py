@@ -85,9 +85,7 @@ def verdict(flags: Iterable[Flag]) -> str:
 
 
 def _within(line: str) -> str:
-    """A sentence as a part of another: its first clauses, without its capital letter unless it begins with a name; more
-    than `REASONS` sensors at its beginning are counted.
-    """
+    """A sentence as a part of another: its first clauses, in small letters but for names; many sensors are counted."""
     named, _, fact = line.partition(": ")
     if len(sensors := named.lower().split(", ")) > REASONS and set(sensors) <= set(PLACEMENTS):
         line = f"{len(sensors)} sensors: {fact}"

@@ -15,10 +15,7 @@ from jgait.report.page import Cell, Table, significant
 
 @record
 class Made(NamedTuple):
-    """How a result was computed.
-
-    Its fields are settings of a page; those that are not known stay empty.
-    """
+    """How a result was computed: settings of a page; those that are not known stay empty."""
 
     estimator: str = ""  #: name of the estimator.
     params: PyTree = None  #: the estimator's parameters, a NamedTuple in natural units, or None.

@@ -107,11 +107,7 @@ class Report:
 
 
 def rendered(content: Content) -> str:
-    """The page as HTML: with its style, script and pictures, and a policy that forbids all connections.
-
-    Raises:
-        ImportError: if jinja2 is not installed; it is part of the extra `cli`.
-    """
+    """The page as HTML, with a policy that forbids all connections. Raises ImportError without the extra `cli`."""
     try:
         import jinja2
         from markupsafe import Markup
@@ -140,9 +136,8 @@ def rendered(content: Content) -> str:
 
 
 def picture(figure: "Figure", alt: str, caption: str) -> Picture:
-    """A matplotlib figure as part of a page: an SVG drawing up to `LARGEST_SVG`, else pixels.
-
-    `alt` describes the figure to readers who cannot see it, the caption states how to read it.
+    """A figure as part of a page: an SVG drawing up to `LARGEST_SVG`, else pixels; `alt` is for those who cannot see
+    it.
     """
     import matplotlib
 

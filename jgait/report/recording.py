@@ -40,9 +40,7 @@ def of_analysis(
     analysis: Analysis, recording: Recording, *, reference: Estimate | None = None, made: Made | None = None,
     more: Sequence[Section] = (),
 ) -> Report:  # fmt: skip
-    """The page of one recording by all its sensors, from `analyse`: as `of_estimate`, with what each source says, and
-    walking bouts. Contradictions between the sources are among the warnings.
-    """
+    """The page of one recording by all its sensors: as `of_estimate`, with what each source says, and walking bouts."""
     results, rows = Results(analysis), []
     for comparison in analysis.comparisons:
         column, counted = QUANTITIES[comparison.quantity], comparison.strides and comparison.quantity != "strides"
@@ -76,12 +74,8 @@ def of_estimate(
 ) -> Report:  # fmt: skip
     """The page of one recording: numbers, trust, figures with bands, means by side, all strides, settings.
 
-    Args:
-        estimate: of one recording, the result of an estimator's `estimate`.
-        recording: the signals.
-        reference: an independent measurement, drawn dashed and compared, or None.
-        made: settings of the computation; None leaves this out.
-        more: further sections, after the means of the strides.
+    The reference, an independent measurement, is drawn dashed and compared. `made` states how the estimate was
+    computed; `more` are sections after the means of the strides.
 
     Raises:
         ValueError: if the estimate is not of one recording.
@@ -246,12 +240,13 @@ def readable(name: str) -> tuple[str, str]:
 
 
 def _details(estimate: Estimate, recording: Recording, made: Made) -> Section:
+    """The sensors, the parameters, and how well the model fits."""
     rows = []
     for name, imu in recording.sensors.items():
         mask = np.asarray(imu.mask, bool)
         kinds = "gyroscope" + ("" if imu.acc is None else ", accelerometer")
-        lost = f"{100.0 * float(np.mean(~mask)):.1f} %" if mask.size else "–"
-        rows.append([Cell(_place(name)), Cell(str(mask.size)), Cell(lost), Cell(kinds)])
+        lost = f"{100.0 * float(np.mean(~mask)):.1f} %"
+        rows.append([*map(Cell, (_place(name), str(mask.size), lost, kinds))])
     parts = [Table("Sensors of the recording", ("place", "samples", "lost", "what"), rows, words=1)]
     parts += [table for table in [made.table()] if table is not None]
     fits = {n: float(v) for n, v in estimate.diagnostics.items() if n.startswith("nis") and np.ndim(v) == 0}

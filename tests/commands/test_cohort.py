@@ -52,6 +52,7 @@ def table(walks):
 def with_bad_rows(frame):
     more = pd.DataFrame([
         {"file": "nowhere.csv", "subject": "p8"}, {"file": "walk0.csv", "subject": "p8"}, {"file": "", "subject": "p8"},
+        {"file": "./walk0.csv", "subject": "p8"},
         {"file": "empty.csv", "subject": "p8"}, {"file": "copy.csv", "subject": "p9", "thigh_length_m": "40 cm"},
     ])  # fmt: skip
     return pd.concat([frame.astype(object), more.astype(object)])
@@ -75,12 +76,13 @@ def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
     assert code == 1, said
     for words in (
         "nowhere.csv: there is no such file", "line 7: walk0.csv is listed twice", "line 8: it names no file",
-        "empty.csv is empty", "thigh_length_m must be between 0.2 and 0.7 m", "5 of 9 recordings could not be used",
-        "4 recordings of 2 people",
+        "line 9: ./walk0.csv and walk0.csv are the same file", "4 recordings of 2 people",
+        "Limits and ICC need 5 people",
+        "empty.csv is empty", "thigh_length_m must be between 0.2 and 0.7 m", "6 of 10 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
     failures = pd.read_csv(out / "failures.csv").set_index("recording")["subject"]
-    assert len(failures) == 5 and failures["empty.csv"] == failures["nowhere.csv"] == "p8"
+    assert len(failures) == 6 and failures["empty.csv"] == failures["nowhere.csv"] == "p8"
     assert sorted(pd.read_csv(out / "recordings.csv")["subject"]) == ["p0", "p0", "p1", "p1"]
     notes = json.loads((out / "notes.json").read_text())
     for name, text in pd.read_csv(out / "recordings.csv").set_index("recording")["notes"].items():
@@ -194,7 +196,7 @@ def test_tuning_judges_people_that_it_never_saw(tuned, walks):
     assert code == 1, said
     for words in (
         "of people left out of the tuning", "p0", "p1", "2 better, 0 worse", "learned from all people",
-        "5 of 9 recordings could not be used",
+        "6 of 10 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
     assert said.index("judging the people") < said.index("the data determine")
@@ -286,6 +288,7 @@ def test_recordings_of_the_tuning_are_known_by_their_content_and_people_by_their
     ("words", "expected"),
     [
         (("--free", "scale"), "there is no parameter 'scale'; there are thigh_length.right"),
+        (("--free", "angle_noise,distance_scal"), "did you mean 'distance_scale'?"),
         (("--free", "distance_scale", "--loss", "speed"), "--loss: a loss is one of distance, trajectory"),
         (
             ("--free", "distance_scale", "--loss", "trajectory"),

@@ -130,6 +130,8 @@ def test_several_files_give_one_table_of_all_and_the_next_ones_replace_it(csv, t
         assert list(strides["recording"].unique()) == [file.stem for file in files]
     run("estimate", csv, "--out", tmp_path / "alone")
     assert not (tmp_path / "alone" / "recordings.csv").exists()
+    code, said = run("estimate", csv, csv, "--out", tmp_path / "twice")
+    assert code == 2 and "walk.csv is given twice; give each recording once" in said
 
 
 def test_data_sets_are_listed():

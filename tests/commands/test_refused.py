@@ -60,7 +60,7 @@ COMMANDS = {
     "evaluate recordings.csv --out .": "recordings.csv is read by this command",
     "evaluate recordings.csv --json jgait-evaluation/quantities.csv": "is one of the files that this command writes",
     "estimate a/walk.csv --json a/walk.csv": "walk.csv is read by this command",
-    "estimate a/walk.csv a/walk.csv": "would have the same names: a/walk.csv, a/walk.csv",
+    "estimate a/walk.csv a/walk.csv": "a/walk.csv is given twice; give each recording once",
     "report report.html --out report.html": "report.html is read by this command",
     "report a/walk.csv --out p.html --json p.html": "--json and --out are the same file",
 }
