@@ -128,8 +128,14 @@ def source(
     with refused("", datasets.DatasetUnavailable, csv.Error):
         if table is not None:
             cohort = of_table(table, gyr_unit, acc_unit, measures)
+        elif dataset is not None:
+            again = datasets.repeated(dataset)  # the message of DatasetUnavailable states how to get the set
+            names = [recording for recording in datasets.names(dataset) if recording not in again]
+            notes = [WALK_REPEATED(recording=recording, other=other) for recording, other in again.items()]
+            marks = dict.fromkeys(names, dataset)
+            cohort = Source(dataset, names, functools.partial(of_set, dataset), marks, [], notes)
         else:
-            cohort = _of_dataset(dataset) if dataset is not None else _simulated(simulated or 0, seed)
+            cohort = _simulated(simulated or 0, seed)
         tuned = () if params is None else not_held_out(params, cohort.versions(cohort.marks), cohort.subjects)
     cohort = cohort._replace(notes=[*cohort.notes, *tuned])
     for line in cohort.notes:
@@ -169,13 +175,6 @@ def of_set(name: str, recording: str) -> Walk:
     if not walks:
         raise RecordingError(walks.failures[0].reason if walks.failures else f"there is no recording {recording!r}")
     return walks[0]
-
-
-def _of_dataset(name: str) -> Source:
-    again = datasets.repeated(name)  # the message of DatasetUnavailable states how to get the set
-    names = [recording for recording in datasets.names(name) if recording not in again]
-    notes = [WALK_REPEATED(recording=recording, other=other) for recording, other in again.items()]
-    return Source(name, names, functools.partial(of_set, name), dict.fromkeys(names, name), [], notes)
 
 
 def evaluated(

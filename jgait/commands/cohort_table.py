@@ -139,11 +139,24 @@ class CohortFiles:
         return {**vars(self), "folder": self.folder.resolve()}  # another process may run in another folder
 
     def __call__(self, file: str) -> Walk:
-        """The walk of a row, with its reference."""
+        """The walk of a row, with its reference: a distance, and files of samples and of strides."""
         row = self.rows[file]
         recording, known = self.recording(file, gyr_unit=self.gyr_unit, acc_unit=self.acc_unit)
+        way, info = _number(row, "distance_m"), {"body": known, "day": row.get("day")}
         files = [self.folder / row[name] if row.get(name) else None for name in REFERENCES]
-        return _with_reference(recording, _number(row, "distance_m"), files, {"body": known, "day": row.get("day")})
+        placement, imu = next(iter(recording.sensors.items()))
+        time = np.asarray(imu.time, float)
+        whole = None if way is None else io.reference_from_tables(time, distance=way)
+        if not any(files):
+            return Walk(recording, whole, info)
+        begins = of_sensor(recording.quality, placement).begin
+        tables = [None if path is None else _from_first(path, begins) for path in files]
+        reference, samples = io.reference_from_tables(time, *tables), files[0]
+        if reference.distance is None and whole is not None and samples is None:
+            reference = reference._replace(distance=whole.distance, valid=whole.valid)
+        elif reference.distance is None and samples is not None and way is not None:
+            recording = recording._replace(notes=(*recording.notes, DISTANCE_NOT_USED(file=samples.name)))
+        return Walk(recording, reference, info)
 
     def recording(self, file: str, **how: Any) -> tuple[Recording, dict[str, float]]:
         """The recording of a row, read by `recording_of` with further arguments, and the measures of its person."""
@@ -219,25 +232,6 @@ def content_of(path: Path) -> str:
     """The SHA-256 of a file, or of all files of a folder."""
     files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
-
-
-def _with_reference(
-    recording: Recording, way: float | None, files: Sequence[Path | None], info: dict[str, object]
-) -> Walk:
-    """A recording with the reference of its row: a distance [m], or None, and files of samples and of strides."""
-    placement, imu = next(iter(recording.sensors.items()))
-    time = np.asarray(imu.time, float)
-    whole = None if way is None else io.reference_from_tables(time, distance=way)
-    if not any(files):
-        return Walk(recording, whole, info)
-    begins = of_sensor(recording.quality, placement).begin
-    tables = [None if file is None else _from_first(file, begins) for file in files]
-    reference, samples = io.reference_from_tables(time, *tables), files[0]
-    if reference.distance is None and whole is not None and samples is None:
-        reference = reference._replace(distance=whole.distance, valid=whole.valid)
-    elif reference.distance is None and samples is not None and way is not None:
-        recording = recording._replace(notes=(*recording.notes, DISTANCE_NOT_USED(file=samples.name)))
-    return Walk(recording, reference, info)
 
 
 def _from_first(file: Path, begins: float) -> "pd.DataFrame":

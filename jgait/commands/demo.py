@@ -47,7 +47,7 @@ def demo(
         with results_folder(out, "demo", {}, planned=[PAGE], json_file=json_file) as folder:
             page = report.of_walk(walk, jobs.all_sensors({}), "neura_sparse", shlex.join(["jgait", *words]))
             wrote(folder.publish([page.save(folder.stage / PAGE)]))
-        for section in page.content.sections:
+        for section in page.sections:
             for part in section.parts:
                 if section.heading in SHOWN and isinstance(part, Table):
                     show_table(part, section.heading)

@@ -23,7 +23,6 @@ from jgait.report import flags
 from jgait.report.made import Made
 from jgait.report.page import (
     Cell,
-    Content,
     Flag,
     Picture,
     Report,
@@ -96,11 +95,11 @@ def of_cohort(cohort: Cohort, *, title: str = "cohort", made: Made | None = None
         "agreement": agreement.astype(object).to_dict("index"), "flags": [flag._asdict() for flag in raised],
         "people_table": usable.by_subject().to_dict("records"), "made": made.numbers(),
     }  # fmt: skip
-    return Report(Content(
+    return Report(
         Path(title).name, "Cohort report", f"{about.title}{',' if len(paired) else ';'} {lead}.", facts,
         flags.verdict(raised), raised, "Errors: estimate − reference.",
         [section for section in sections if section.parts], made.settings(), made.command, numbers,
-    ))  # fmt: skip
+    )  # fmt: skip
 
 
 def doubts(cohort: Cohort, usable: Cohort) -> list[Flag]:

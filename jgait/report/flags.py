@@ -11,7 +11,7 @@ from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS, UNEVEN_DURA
 from jgait.io.results import Results
 from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, printable, without_repeats
 from jgait.report.page import GRADES, Flag, without_folders
-from jgait.types import PLACEMENTS, Estimate
+from jgait.types import PLACEMENTS
 
 DOUBTS = ("stop", "check")
 """Grades of flags that put numbers in doubt."""
@@ -26,10 +26,15 @@ REASONS, LONGEST_REASON = 3, 90
 def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:
     """All flags of one recording, the most serious first: of its notes, its samples and its strides."""
     notes = [*notes, *stride_notes(results.marks, results.regular)]
-    return ordered([
-        *explained(without_repeats(notes)), *of_samples(results.estimate),
-        *of_strides(len(results.base), results.marks),
-    ])  # fmt: skip
+    raised = [*explained(without_repeats(notes)), *of_strides(len(results.base), results.marks)]
+    valid = np.asarray(results.estimate.valid, bool)
+    if (share := float(np.mean(valid)) if valid.size else 0.0) < 0.95:
+        text = f"Results for {100.0 * share:.0f} % of the recording"
+        meaning = (
+            "The other part has no results, and figures have gaps there: before the first rest, or where data are lost."
+        )
+        raised.append(Flag("check" if share > 0.5 else "stop", text, meaning))
+    return ordered(raised)
 
 
 def explained(notes: Iterable[Note]) -> list[Flag]:
@@ -58,16 +63,6 @@ def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
     known = [flag for flag in STRIDE_FLAGS if flag.name in marks and flag != UNEVEN_DURATION]
     many = sorted(((int(marks[flag.name].sum()), flag) for flag in known), key=lambda each: -each[0])
     return [Flag(f.grade, f"{count} of {rows} strides: {f.label}", f.meaning) for count, f in many if count]
-
-
-def of_samples(estimate: Estimate) -> list[Flag]:
-    """The flag of a recording that has no result for a large part."""
-    share = float(np.mean(np.asarray(estimate.valid, bool))) if np.size(estimate.valid) else 0.0
-    meaning = (
-        "The other part has no results, and figures have gaps there: before the first rest, or where data are lost."
-    )
-    grade = "check" if share > 0.5 else "stop"
-    return [Flag(grade, f"Results for {100.0 * share:.0f} % of the recording", meaning)] if share < 0.95 else []
 
 
 def verdict(flags: Iterable[Flag]) -> str:

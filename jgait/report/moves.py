@@ -3,7 +3,7 @@
 from jgait import plot
 from jgait.estimators.labels import words
 from jgait.report.page import Cell, Section, Table, picture, significant
-from jgait.tune import Assumption, Explanation
+from jgait.tune import Explanation
 
 SOURCES = {
     "sensor": "sensor", "tape": "measured with a tape", "proportions": "people of one height", "given": "given",
@@ -30,24 +30,18 @@ def table(explained: Explanation) -> Table:
         "Each assumption is wrong by its standard deviation; shares are of the variance of the number. Decisions, such "
         "as when a foot stands, stay as they are."
     )
-    return Table(f"{caption} {_unstated(explained.unstated, explained)}".rstrip(), columns, rows, words=2)
+    factor, unit = explained.small
+    if each := [f"{a.words} {significant(factor * a.tenth, 2)}" for a in explained.unstated[:5]]:
+        more = len(explained.unstated) - 5
+        caption += (
+            f" No deviation is stated for these parameters; a tenth more of one moves the number [{unit}] by: "
+            f"{', '.join(each)}{f' and {more} others that move it less' if more > 0 else ''}."
+        )
+    return Table(caption, columns, rows, words=2)
 
 
 def _text(explained: Explanation, value: float) -> str:
     return significant(abs(explained.small[0] * value), 2)
-
-
-def _unstated(assumptions: tuple[Assumption, ...], explained: Explanation, most: int = 5) -> str:
-    """The sentence about parameters without a stated deviation."""
-    factor, unit = explained.small
-    each = [f"{a.words} {significant(factor * a.tenth, 2)}" for a in assumptions[:most]]
-    if not each:
-        return ""
-    more = f" and {len(assumptions) - most} others that move it less" if len(assumptions) > most else ""
-    return (
-        f"No deviation is stated for these parameters; a tenth more of one moves the number [{unit}] by: "
-        f"{', '.join(each)}{more}."
-    )
 
 
 def section(explained: Explanation) -> Section:

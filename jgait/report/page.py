@@ -8,6 +8,8 @@ import math
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -73,8 +75,9 @@ class Section(NamedTuple):
     parts: Sequence[Table | Picture] = ()
 
 
-class Content(NamedTuple):
-    """A whole page."""
+@dataclass(frozen=True, repr=False)
+class Report:
+    """A page that loads nothing from other addresses, and its numbers; a notebook shows it in a frame."""
 
     title: str  #: name of the recording or the cohort.
     kind: str  #: kind of the page, above the title.
@@ -88,15 +91,31 @@ class Content(NamedTuple):
     command: str  #: command that makes the page again, "" where it is not known.
     numbers: dict[str, Any]  #: the content for programs, as JSON numbers.
 
-
-class Report:
-    """A page that loads nothing from other addresses, and its numbers; a notebook shows it in a frame."""
-
-    def __init__(self, content: Content) -> None:
-        """Render the content."""
-        self.content = content
-        self.html = rendered(content)
-        self.numbers = content.numbers
+    @cached_property
+    def html(self) -> str:
+        """The page as HTML, with a policy that forbids all connections. Raises ImportError without the extra `cli`."""
+        try:
+            import jinja2
+            from markupsafe import Markup
+        except ImportError as missing:
+            raise ImportError(f"reports need the extra cli: pip install 'jgait[cli]' ({missing})") from missing
+        folder = resources.files("jgait.report") / "templates"
+        style, script = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
+        # The policy allows only the script with this digest: a script in the text of a table cannot run.
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        environment = jinja2.Environment(
+            loader=jinja2.PackageLoader("jgait.report", "templates"), autoescape=True, undefined=jinja2.StrictUndefined,
+            finalize=lambda value: printable(value) if type(value) is str else value, trim_blocks=True,
+            lstrip_blocks=True,
+        )  # fmt: skip
+        # The first figure stands beside the numbers, on the first screen.
+        first = next((part for section in self.sections for part in section.parts if isinstance(part, Picture)), None)
+        sections = [section._replace(parts=[part for part in section.parts if part is not first])
+                    for section in self.sections if list(section.parts) != [first]]  # fmt: skip
+        return environment.get_template("page.html").render(
+            page=replace(self, sections=sections), first=first, style=Markup(style), script=Markup(script),
+            digest=digest, grades=GRADES, version=__version__,
+        )  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the page, completely or not at all, into a folder that exists; returns the path."""
@@ -104,35 +123,6 @@ class Report:
 
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="800" title="jgait report"></iframe>'
-
-
-def rendered(content: Content) -> str:
-    """The page as HTML, with a policy that forbids all connections. Raises ImportError without the extra `cli`."""
-    try:
-        import jinja2
-        from markupsafe import Markup
-    except ImportError as missing:
-        raise ImportError(f"reports need the extra cli: pip install 'jgait[cli]' ({missing})") from missing
-    folder = resources.files("jgait.report") / "templates"
-    style, script = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.css", "page.js"))
-    # The policy allows only the script with this digest: a script in the text of a table cannot run.
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("jgait.report", "templates"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        finalize=lambda value: printable(value) if type(value) is str else value,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    # The first figure stands beside the numbers, on the first screen.
-    first = next((part for section in content.sections for part in section.parts if isinstance(part, Picture)), None)
-    sections = [section._replace(parts=[part for part in section.parts if part is not first])
-                for section in content.sections if list(section.parts) != [first]]  # fmt: skip
-    return environment.get_template("page.html").render(
-        page=content._replace(sections=sections), first=first, style=Markup(style), script=Markup(script),
-        digest=digest, grades=GRADES, version=__version__,
-    )  # fmt: skip
 
 
 def picture(figure: "Figure", alt: str, caption: str) -> Picture:

@@ -17,7 +17,7 @@ from jgait.io.results import CAPTION, Results
 from jgait.report import flags
 from jgait.report.figures import pictures
 from jgait.report.made import Made
-from jgait.report.page import Cell, Content, Report, Section, Table, cell, number, significant
+from jgait.report.page import Cell, Report, Section, Table, cell, number, significant
 from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:
@@ -120,11 +120,11 @@ def _page(
         "flags": [flag._asdict() for flag in raised], "stride_table": strides.to_dict("records"),
         "made": made.numbers(),
     }  # fmt: skip
-    return Report(Content(
+    return Report(
         name, "Gait report", f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz, by sensors at: {worn}.",
         _facts(results), flags.verdict(raised), raised, CAPTION,
         [section for section in sections if section.text or section.parts], made.settings(), made.command, numbers,
-    ))  # fmt: skip
+    )  # fmt: skip
 
 
 def _facts(results: Results) -> list[tuple[str, str, str]]:
