@@ -81,11 +81,8 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
     """The choice of the options, with `values` of those that only some estimators have; exits with code 2 if there is
     none.
     """
-    pipeline_of(name, paper, file)
-    given = given_of(name, values)
-    about = estimators.about_of(name)
-    settings = settings_of(about, paper, file)
-    for option in about.options:
+    settings, given = _settings(name, paper, file), given_of(name, values)
+    for option in estimators.about_of(name).options:
         if option.remark is not None and (text := option.remark(given.get(option.name))):
             note(text)
         if option.settings is not None and option.name in given:
@@ -96,10 +93,15 @@ def chosen(name: str, paper: bool, file: Path | None, values: Mapping[str, Any])
     return Choice(estimator, settings, start_of(estimator, file, paper), given, paper)
 
 
-def settings_of(about: About, paper: bool, file: Path | None = None) -> Settings:
+def _settings(name: str, paper: bool, file: Path | None) -> Settings:
     """The settings of the pipeline, with those for which the parameters in a file were tuned; exits with code 2 if
-    these cannot be read, or do not exist.
+    there is no such estimator, or these cannot be read, or do not exist.
     """
+    with refused():
+        about = estimators.get(name).about
+    if paper and about.paper is None:
+        known = [estimator for estimator in estimators.names() if estimators.about_of(estimator).paper is not None]
+        stop(f"--paper is an option of {' and '.join(known)}; got --estimator {name}")
     options: Any = about.paper if paper else about.default
     tuned: dict[str, Any] = {}
     if file is not None:
@@ -118,16 +120,13 @@ def pipeline_of(
     name: str, paper: bool, file: Path | None = None, noise: str | None = None, soft: bool = False
 ) -> Estimator[PyTree, PyTree]:
     """The estimator, with a noise model and soft stances if asked for; exits with code 2 if there is none."""
-    if paper and name in estimators.names() and estimators.about_of(name).paper is None:
-        known = [estimator for estimator in estimators.names() if estimators.about_of(estimator).paper is not None]
-        stop(f"--paper is an option of {' and '.join(known)}; got --estimator {name}")
+    settings = _settings(name, paper, file)
+    options: Any = settings.get("options")
+    fields = getattr(options, "_fields", ())
+    if noise is not None and "noise" not in fields:
+        stop(f"{name} has no noise models to choose from")
+    asked = ({} if noise is None else {"noise": noise}) | ({"soft": True} if soft and "soft" in fields else {})
     with refused():
-        settings = settings_of(estimators.about_of(name), paper, file)
-        options: Any = settings.get("options")
-        fields = getattr(options, "_fields", ())
-        if noise is not None and "noise" not in fields:
-            stop(f"{name} has no noise models to choose from")
-        asked = ({} if noise is None else {"noise": noise}) | ({"soft": True} if soft and "soft" in fields else {})
         return estimators.get(name, **({"options": options._replace(**asked)} if asked else settings))
 
 

@@ -3,8 +3,10 @@
 import functools
 import json
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -177,6 +179,10 @@ def test_the_demo_begins_with_a_real_walk_beside_its_reference(data, tmp_path):
     code, said = run("demo", "--out", tmp_path / "out", "--json", numbers)
     assert code == 0, said
     assert "What each sensor says" in said and "Against the reference" in said
+    readme = (Path(__file__).parents[2] / "README.md").read_text()
+    angles = re.search(r"right hip (.+?); left hip (.+?); right knee (.+?); left knee (.+?) \|", readme)
+    shown = said[said.index("without the offset at standing") :]
+    assert all(f"{float(angle):.3g} │" in shown for angle in angles.groups()), shown
     assert (tmp_path / "out" / "real_walk.html").stat().st_size > 10_000
     assert json.loads(numbers.read_text())["distance_m"] == pytest.approx(true, rel=0.02)
 
