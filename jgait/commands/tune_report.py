@@ -18,7 +18,7 @@ from jgait.plot import cohort as plot_cohort
 from jgait.plot import tuning as plot_tuning
 from jgait.report.made import flat
 from jgait.report.page import significant
-from jgait.tune.words import OFF
+from jgait.tune.identifiability import OFF
 
 if TYPE_CHECKING:
     import pandas as pd

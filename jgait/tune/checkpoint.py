@@ -60,10 +60,8 @@ def described(value: object, within: tuple[object, ...] = ()) -> str:
             source = inspect.getsource(function)
         except (OSError, TypeError):  # there is none, as in an interactive session
             source = ""
-        kept = (
-            [_kept(cell) for cell in function.__closure__ or ()], function.__defaults__, function.__kwdefaults__,
-        )  # fmt: skip
-        text = described(kept, (*within, function))
+        cells = [_kept(cell) for cell in function.__closure__ or ()]
+        text = described((cells, function.__defaults__, function.__kwdefaults__), (*within, function))
         return f"{name} {_digest(source + text)}{UNKNOWN if UNKNOWN in text else ''}"
     return re.sub(r" at 0x[0-9a-fA-F]+", UNKNOWN, repr(value))
 
@@ -111,9 +109,7 @@ class OtherFitError(ValueError):
 def load(path: Path, mark: dict[str, str], like: PyTree) -> PyTree:
     """Read a pytree that `save` wrote, in the structure of `like`, as NumPy arrays; None if there is no file.
 
-    Raises:
-        ValueError: if the file is not a checkpoint.
-        OtherFitError: if the checkpoint is of another fit than `mark`; the message states the differences.
+    Raises ValueError if it is no checkpoint, and OtherFitError, naming the differences, if it is of another fit.
     """
     if not path.exists():
         return None

@@ -23,10 +23,7 @@ def transforms_of(transforms: PyTree) -> list[Transform]:
 
 def over_transforms(function: Callable[..., PyTree], transforms: PyTree, *trees: PyTree) -> PyTree:
     """Map a function of (transform, subtrees) over parameters; a subtree has the place of the transform in its tree."""
-    treedef: PyTree
-    flat, treedef = jax.tree.flatten(transforms, is_leaf=is_transform)
-    columns = [treedef.flatten_up_to(tree) for tree in trees]
-    return jax.tree.unflatten(treedef, [function(t, *values) for t, *values in zip(flat, *columns, strict=True)])
+    return jax.tree.map(function, transforms, *trees, is_leaf=is_transform)
 
 
 def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
@@ -42,31 +39,29 @@ def check_data(data: PyTree, batched: bool) -> tuple[PyTree, int]:
     lengths: dict[str, int] = {}
     for path, leaf in flat:
         name = "data" + jax.tree_util.keystr(path)
-        if isinstance(leaf, str | bytes) or (not hasattr(leaf, "dtype") and not isinstance(leaf, int | float)):
+        if not hasattr(leaf, "dtype") and not isinstance(leaf, int | float):
             raise TypeError(f"{name} must be an array or a number; got {type(leaf).__name__}")
         if batched and np.ndim(leaf) == 0:
             raise ValueError(
                 f"{name} is a single number; every leaf needs a leading axis of items (batched=False for one item)"
             )
-        if batched:
-            lengths[name] = np.shape(leaf)[0]
+        lengths[name] = np.shape(leaf)[0] if batched else 1
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name}: {length}" for name, length in lengths.items())
         raise ValueError(f"every leaf of data needs the same number of items; got {listed}")
-    if batched and next(iter(lengths.values())) == 0:
+    n = next(iter(lengths.values()))
+    if n == 0:
         raise ValueError("data is empty: its leading axis has no items")
     leaves = jax.tree.map(lambda leaf: np.asarray(leaf) if batched else np.asarray(leaf)[None], data)
     numbers = [leaf for leaf in jax.tree.leaves(leaves) if jnp.issubdtype(leaf.dtype, jnp.floating)]
     if numbers and not any(np.isfinite(leaf).any() for leaf in numbers):
         raise ValueError("data holds no finite number: every value is NaN or infinite")
-    return leaves, jax.tree.leaves(leaves)[0].shape[0]
+    return leaves, n
 
 
 def numbered(subjects: Sequence[Hashable] | AnyArray | None, n: int) -> tuple[tuple[str, ...], Int[np.ndarray, "item"]]:
     """Subjects in order of appearance (see `types.people`), and the number (n,) of each item's; None: one subject.
-
-    Raises:
-        ValueError: if there is not one subject for each item.
+    Raises ValueError if there is not one subject for each item.
     """
     if subjects is None:
         return (), np.zeros(n, np.int32)
@@ -76,11 +71,8 @@ def numbered(subjects: Sequence[Hashable] | AnyArray | None, n: int) -> tuple[tu
 
 
 def spread_out(params: PyTree, transforms: PyTree, subjects: int) -> PyTree:
-    """Give every parameter that is declared `per_subject` one value for each subject.
-
-    Raises:
-        TypeError, ValueError: see `check_params`; or if there are parameters per subject and no subjects, or not one
-            value for each subject.
+    """Give every parameter that is declared `per_subject` one value for each subject; raises as `check_params`, or
+    ValueError if there are no subjects or not one value for each.
     """
     check_params(params, transforms)
 
@@ -98,11 +90,7 @@ def spread_out(params: PyTree, transforms: PyTree, subjects: int) -> PyTree:
 
 
 def check_priors(priors: PyTree, transforms: PyTree) -> None:
-    """Raise if the priors do not have the structure of the parameters.
-
-    Raises:
-        TypeError: if the structures differ, or a leaf is not a `Prior`.
-    """
+    """Raise TypeError if the priors do not have the structure of the parameters, or one is not a `Prior`."""
     if priors is None:
         return
 
@@ -117,10 +105,8 @@ def check_priors(priors: PyTree, transforms: PyTree) -> None:
 
 
 def start(params: PyTree, transforms: PyTree) -> PyTree:
-    """Free coordinates as arrays, each of one fixed dtype, as the carry of `lax.scan` requires.
-
-    Raises:
-        ValueError: if every parameter is fixed.
+    """Free coordinates as arrays, each of one fixed dtype, as the carry of `lax.scan` requires; raises ValueError if
+    every parameter is fixed.
     """
 
     def strong(leaf: PyTree) -> PyTree:
@@ -131,13 +117,3 @@ def start(params: PyTree, transforms: PyTree) -> PyTree:
     if not jax.tree.leaves(free):
         raise ValueError("every parameter is fixed: free at least one of them by its transform")
     return free
-
-
-def check_loss(loss: Callable[..., PyTree], params: PyTree, item: PyTree) -> PyTree:
-    """The dtype of the loss of one item. Raises ValueError if the loss does not return one floating-point number."""
-    out = jax.eval_shape(loss, params, item)
-    leaves = jax.tree.leaves(out)
-    if len(leaves) != 1 or leaves[0].shape != () or not jnp.issubdtype(leaves[0].dtype, jnp.floating):
-        got = ", ".join(f"{leaf.dtype}{list(leaf.shape)}" for leaf in leaves) or repr(out)
-        raise ValueError(f"loss must return one floating-point scalar for one item; got {got}")
-    return leaves[0].dtype

@@ -7,24 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import Mesh
-from jaxtyping import PRNGKeyArray, PyTree
+from jax.typing import DTypeLike
+from jaxtyping import Bool, PRNGKeyArray, PyTree
 
 from jgait.geometry.arrays import compiled
 from jgait.notes import record
 from jgait.params import constrain
-from jgait.tune import checkpoint
-from jgait.tune.checks import check_data, check_priors, numbered, spread_out, start, transforms_of
-from jgait.tune.descent import Carry, Settings, Trace
-from jgait.tune.fit import Fit, best_starts, check_mesh, check_settings, lane, result_of, scattered
-from jgait.tune.lanes import Report, descend, descend_apart
+from jgait.tune.checks import check_data, transforms_of
+from jgait.tune.dask import DIED, on_dask
+from jgait.tune.descent import Carry, Report, Trace, descend, lane
+from jgait.tune.fit import Fit, Task, best_starts, posed, result_of
 from jgait.tune.lessons import Lesson
-from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, kept, of_subject, place
-from jgait.tune.remainder import reduced
+from jgait.types import AnyArray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,7 +76,7 @@ def _check_twins(data: PyTree, subjects: Sequence[Hashable]) -> None:
 
 
 def _folds(
-    subjects: list[Hashable], folds: Sequence[Hashable] | int | None, key: PRNGKeyArray | None
+    subjects: Sequence[Hashable], folds: Sequence[Hashable] | int | None, key: PRNGKeyArray | None
 ) -> list[Hashable]:
     people = list(dict.fromkeys(subjects))
     if folds is None:
@@ -139,81 +137,107 @@ def cross_validate[P](
     import pandas as pd
 
     data, n = check_data(data, True)
-    check_settings(steps, chunk, starts, key, minibatch, n, optimizer)
-    labels, number = numbered(subjects, n)
-    named = [labels[i] for i in number]
+    if any(t.per_subject and t.to_natural is not None for t in transforms_of(transforms)):
+        raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")
+    task = posed(
+        loss, params, transforms, data, optimizer, n, subjects, steps=steps, priors=priors, starts=starts,
+        spread=spread, minibatch=minibatch, key=key, checkpoint_file=checkpoint_file, mesh=mesh, chunk=chunk,
+        learned=n, even=("the number of items", n),
+    )  # fmt: skip
+    named = [task.labels[i] for i in task.items.subject]
     fold_of = _folds(named, folds, key)
     _check_split(named, fold_of)
     _check_twins(data, named)
-    if any(t.per_subject and t.to_natural is not None for t in transforms_of(transforms)):
-        raise ValueError("a subject's own parameters cannot be learned from others: fix them, or share them")
-    check_priors(priors, transforms)
-    check_mesh(mesh, minibatch, "the number of items", n)
-    params = spread_out(params, transforms, len(labels))
-    given, every_item, free = Problem(loss, transforms, priors, mesh), Items(data, number), start(params, transforms)
-    problem, known, dtype = reduced(given, params, free, every_item)
     kinds = list(dict.fromkeys(fold_of))
     learned = np.asarray([*([of != fold for of in fold_of] for fold in kinds), [True] * n])
-    settings = Settings(steps, minibatch, 1 if minibatch is None else -(-n // minibatch), None, optimizer is None)
-    optimizer = supported(optimizer)
-    mark = {} if checkpoint_file is None else checkpoint.fingerprint(
-        data=every_item, params=params, transforms=transforms, priors=priors, settings=settings, folds=learned, key=key,
-        starts=(starts, spread), loss=loss, optimizer=optimizer,
-    )  # fmt: skip
-    around = scattered(key, free, starts, spread)
-    run = partial(
-        descend, problem, optimizer, settings, Context(params, place(problem, known), None, key), dtype=dtype,
-        chunk=chunk, mark=mark,
-    )  # fmt: skip
-    if client is not None:  # what a reduced problem has computed cannot be sent
-        run = partial(_descend_there, given, params, free, every_item, optimizer, settings, key, chunk)
-    fits = descend_apart(
-        run, jax.tree.map(lambda leaf: jnp.concatenate([leaf] * len(learned)), around),
-        np.repeat(learned, starts, axis=0), report=progress,
-        file=None if checkpoint_file is None else Path(checkpoint_file), part=part, client=client,
+    made = None if client is not None else task.reduced()  # what a reduced problem has computed cannot be sent
+    fits = _shared(
+        partial(_descended, task, made, key=key, chunk=chunk, mark=task.mark(folds=learned)),
+        jax.tree.map(lambda leaf: np.concatenate([np.asarray(leaf)] * len(learned)), task.begin),
+        np.repeat(learned, starts, axis=0), report=progress, file=task.file, part=part, client=client,
     )  # fmt: skip
     if fits is None:
         return None
     carry, trace = fits
     every = slice(len(kinds) * starts, None)
-    fit = result_of(problem, params, lane(carry, every), lane(trace, every), around, labels, np.arange(n))
+    fit = result_of(task, lane(carry, every), lane(trace, every), np.arange(n))
     carry, learned = lane(carry, slice(every.start)), learned[:-1]
     chosen = best_starts(carry, starts)
     if (chosen < 0).any():
         raise ValueError("the loss or its gradient is not finite at the start, for any item of a fold")
     best, losses = lane(carry.best, chosen), carry.best_score.reshape(-1, starts)
     left_out = learned.sum(axis=1) - np.count_nonzero(carry.weights[chosen], axis=1)
-    if error is not None:
-        again = problem.loss is not loss
-        given = given._replace(loss=error)
-        problem, known = reduced(given, params, free, every_item)[:2] if again else (given, every_item)
-    judged = _judged(problem, params, free, best, known, np.asarray([kinds.index(fold) for fold in fold_of]))
+    judge = task._replace(problem=task.problem._replace(loss=error or loss))
+    whole = made is not None and made[0].loss is loss  # nothing of it could be computed before
+    if whole:
+        problem, known = judge.problem, judge.items
+    else:
+        problem, known, _ = made if made and error is None else judge.reduced()
+    program, at = _errors(problem), np.asarray([kinds.index(fold) for fold in fold_of])
+    before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], n, axis=0), task.free)
+    after = jax.tree.map(lambda leaf: leaf[at], best)
+    each = {"error_before": before, "error_after": after}
+    judged = {name: np.asarray(program(free, task.params, known)) for name, free in each.items()}
     items = pd.DataFrame({"item": range(n), "subject": named, "fold": fold_of, **judged})
     grouped = items.groupby("subject", sort=False)
     table = grouped.agg(fold=("fold", "first"), n=("item", "size"), **{name: (name, "mean") for name in judged})
     table = table.assign(change=table["error_after"] - table["error_before"])
-    return CrossValidation(table, items, constrain(best, transforms, params), losses, left_out, fit)
+    return CrossValidation(table, items, constrain(best, transforms, task.params), losses, left_out, fit)
 
 
-def _descend_there(
-    given: Problem, params: PyTree, free: PyTree, items: Items, optimizer: optax.GradientTransformation,
-    settings: Settings, key: PRNGKeyArray | None, chunk: int | None, starts: PyTree, weights: PyTree, **how: PyTree,
+def _descended(
+    task: Task, made: tuple[Problem, Items, DTypeLike] | None, free: PyTree, weights: Bool[AnyArray, "lane item"], *,
+    key: PRNGKeyArray | None, **how: PyTree,
 ) -> tuple[Carry, Trace]:  # fmt: skip
-    """`descend` in a worker of a cluster, which reduces the problem itself."""
-    problem, known, dtype = reduced(given, params, free, items)
-    context = Context(params, place(problem, known), None, key)
-    return descend(problem, optimizer, settings, context, starts, weights, dtype, chunk=chunk, mark={}, **how)
+    """The task's fits from these starts to the items with these weights; a worker of a cluster reduces it itself."""
+    problem, known, dtype = made or task.reduced()
+    context = Context(task.params, place(problem, known), None, key)
+    return descend(problem, task.optimizer, task.settings, context, free, weights, dtype, **how)
 
 
-def _judged(
-    problem: Problem, params: PyTree, free: PyTree, best: PyTree, items: Items, fold: np.ndarray
-) -> dict[str, np.ndarray]:
-    """(n,) error of every item with the starting values, and with the fit that held the item out."""
-    program = _errors(problem)
-    before = jax.tree.map(lambda leaf: np.repeat(np.asarray(leaf)[None], fold.size, axis=0), free)
-    after = jax.tree.map(lambda leaf: leaf[fold], best)
-    each = {"error_before": before, "error_after": after}
-    return {name: np.asarray(program(free, params, items)) for name, free in each.items()}
+def _shared(
+    run: Callable[..., tuple[Carry, Trace]], free: PyTree, weights: Bool[AnyArray, "lane item"], *,
+    report: Report | None, file: Path | None, part: tuple[int, int] | None, client: "Client | None",
+) -> tuple[Carry, Trace] | None:  # fmt: skip
+    """`run` of all fits, shared among machines: one part of them, all of them from files of parts, or on Dask.
+
+    The fits of a `part`, its number from 1 and that of all parts, are finished in `STEM-K-of-N.npz` beside the file,
+    and the result is None. A later call without `part` takes the fits of all these files.
+    """
+    lanes = len(weights)
+
+    def piece(number: int, of: int) -> tuple[PyTree, PyTree]:
+        return lane((free, weights), slice(number - 1, None, of))
+
+    def on_file(number: int, of: int) -> tuple[Carry, Trace]:
+        one = None if file is None else file.with_name(f"{file.stem}-{number}-of-{of}{file.suffix}")
+        return run(*piece(number, of), report=report, file=one)
+
+    if part is not None:
+        if part[0] <= lanes:
+            on_file(*part)
+        return None
+    there = [] if file is None else [*file.parent.glob(f"{file.stem}-1-of-*{file.suffix}")]
+    if client is not None:
+        of, done = lanes, dict[int, tuple[Carry, Trace]]()
+        fits = ((number, piece(number + 1, lanes)) for number in range(lanes))
+        for ((number, _),), result in on_dask(lambda group: run(*group[0][1], report=None, file=None), fits, client):
+            if result is None:
+                raise RuntimeError(f"fit {number + 1} of {lanes} has no result: {DIED}")
+            done[number] = result
+        parts = [done[number] for number in range(lanes)]
+    elif there:
+        of = int(there[0].stem.rpartition("-")[2])
+        parts = [on_file(number, of) for number in range(1, min(lanes, of) + 1)]
+    else:
+        return run(free, weights, report=report, file=file)
+    order = np.argsort(np.concatenate([np.arange(lanes)[number::of] for number in range(of)]))
+    longest = max(trace.loss.shape[1] for _, trace in parts)
+    filled = [
+        (carry, Trace(*(np.pad(v, ((0, 0), (0, longest - v.shape[1])), "edge") for v in trace)))
+        for carry, trace in parts
+    ]
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[order], *filled)
 
 
 @kept

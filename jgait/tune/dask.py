@@ -26,21 +26,16 @@ def on_dask[Item, T](
 ) -> Generator[tuple[tuple[Item, ...], T | None]]:
     """Apply a function to groups of items; yields each group with its result when it is finished.
 
-    The number of tasks in flight follows the number of workers, which may join and leave at any time. If a worker dies,
+    The number of tasks in flight follows the number of workers, which may join and leave at any time; items are taken
+    as there is room. The function, sent once by cloudpickle, runs in the precision of the caller. If a worker dies,
     Dask runs its tasks on another worker. If the workers of a task die repeatedly, its items are run one by one at the
     end, with no other task on the cluster, so that only the item that kills its worker has no result, but None.
-
-    Args:
-        function: runs in a worker, in the precision of the caller; it is sent once, by cloudpickle.
-        items: what it is applied to, taken as there is room.
-        client: client of the cluster.
-        size: number of items in a group.
     """
     from distributed import as_completed
 
     groups = batched(items, size)
     # The worker keeps the function, and with the function its compiled programs.
-    shared = client.submit(_same, function, pure=False)
+    shared = client.submit(lambda: function, pure=False)
     wide = bool(jax.config.jax_enable_x64)
     sent: dict[PyTree, tuple[Item, ...]] = {}
     alone: list[Item] = []
@@ -65,10 +60,6 @@ def on_dask[Item, T](
             yield group, result
     for item in alone:
         yield (item,), _result(client.submit(_applied, shared, (item,), wide, pure=False))
-
-
-def _same[T](function: T) -> T:
-    return function
 
 
 def _applied[Item, T](function: Callable[[tuple[Item, ...]], T], group: tuple[Item, ...], wide: bool) -> T:

@@ -124,20 +124,9 @@ and the weights."""
 
 
 def with_error(recording: Recording, placement: str, error: str, values: npt.ArrayLike) -> Recording:
-    """The recording with an error of one sensor.
-
-    Args:
-        recording: the signals.
-        placement: the sensor.
-        error: one of `CALIBRATION`.
-        values: (3,) the error of each axis, in the unit of `CALIBRATION`; of "mounting" a rotation vector, by which the
-            sensor is turned.
-
-    Raises:
-        ValueError: an unknown error.
+    """The recording with an error of one sensor, a name of `CALIBRATION`; `values` (3,) are the error of each axis in
+    the unit stated there, of "mounting" a rotation vector, by which the sensor is turned.
     """
-    if error not in CALIBRATION:
-        raise ValueError(f"error must be one of {', '.join(CALIBRATION)}; got {error!r}")
     imu, by = recording.sensors[placement], as_float(values)
     mask = np.asarray(imu.mask, bool)[:, None]
     matrix = np.asarray(rotation(jnp.asarray(by))) if error == "mounting" else np.eye(3)

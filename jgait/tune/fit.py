@@ -1,5 +1,6 @@
 """Gradient-based fit of parameters: optax in a `lax.scan`, in free coordinates without bounds."""
 
+import math
 import warnings
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ import jax
 import numpy as np
 import optax
 from jax.sharding import Mesh
+from jax.typing import DTypeLike
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from jgait.notes import record
@@ -24,12 +26,10 @@ from jgait.tune.checks import (
     start,
     transforms_of,
 )
-from jgait.tune.descent import Carry, Settings, Trace, flat
-from jgait.tune.lanes import Report, descend
+from jgait.tune.descent import Carry, Report, Settings, Trace, descend, flat, lane
 from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, place
 from jgait.tune.remainder import reduced
-from jgait.tune.words import is_interval
 from jgait.types import AnyArray, Maybe, check_key, check_kind, people
 
 
@@ -62,13 +62,8 @@ class Fit[P](NamedTuple):
     best_step: int = 0
 
     def of(self, subject: Hashable) -> P:
-        """The parameters of one person: of those per subject this person's values, of the others the shared ones.
-
-        Args:
-            subject: one of `subjects`; capitals and spaces do not count, see `jgait.types.people`.
-
-        Raises:
-            KeyError: if the fit did not use this person.
+        """The parameters of one person, one of `subjects` (capitals and spaces do not count, see `types.people`): of
+        those per subject this person's values, of the others the shared ones. Raises KeyError for another person.
         """
         name = people([*self.subjects, subject])[-1]
         if name not in self.subjects:
@@ -97,10 +92,41 @@ def scattered(key: Maybe[PRNGKeyArray], free: PyTree, count: int, spread: float)
     return jax.tree.unflatten(structure, [around(*pair) for pair in zip(keys, leaves, strict=True)])
 
 
-def check_settings(
-    steps: int, chunk: int | None, starts: int, key: PRNGKeyArray | None, minibatch: int | None, n: int, named: PyTree
-) -> None:
-    """Raise ValueError if a setting is not possible, TypeError if it is of another kind; the message names it."""
+class Task(NamedTuple):
+    """What `fit` and `cross_validate` minimise, made of their arguments."""
+
+    problem: Problem  #: with the loss as it was given.
+    params: PyTree  #: in natural units; those per subject with a leading axis.
+    free: PyTree  #: the start in free coordinates.
+    begin: PyTree  #: several starts, with a leading axis.
+    items: Items
+    labels: tuple[str, ...]  #: the subjects.
+    settings: Settings
+    optimizer: optax.GradientTransformationExtraArgs
+    file: Path | None
+    marks: dict[str, PyTree]  #: the arguments by which a checkpoint is told from that of another fit.
+
+    def reduced(self) -> tuple[Problem, Items, DTypeLike]:
+        """Problem and items without what does not depend on the free parameters; see `remainder.reduced`."""
+        return reduced(self.problem, self.params, self.free, self.items)
+
+    def mark(self, **more: PyTree) -> dict[str, str]:
+        """The fingerprint of the task, with more arguments; none without a file."""
+        return {} if self.file is None else checkpoint.fingerprint(**self.marks, **more)
+
+
+def posed(
+    loss: Callable[..., PyTree], params: PyTree, transforms: PyTree, data: PyTree, optimizer: PyTree, n: int,
+    subjects: Sequence[Hashable] | None, *, steps: int, priors: PyTree, starts: int, spread: float,
+    minibatch: int | None, key: PRNGKeyArray | None, checkpoint_file: str | Path | None, mesh: Mesh | None,
+    chunk: int | None, learned: int, even: tuple[str, int], every: int | None = None, patience: int | None = None,
+) -> Task:  # fmt: skip
+    """The task of `fit` or `cross_validate`, whose arguments these are, for a number of `learned` items; `even`: the
+    name and the number of the items that a mesh must divide.
+
+    Raises:
+        TypeError, ValueError: if an argument is not possible, or of another kind; the message names it.
+    """
     for name, number in (("steps", steps), ("chunk", chunk), ("starts", starts), ("minibatch", minibatch)):
         if number is not None:
             check_kind(number, (int, np.integer), f"{name} must be a whole number")
@@ -110,44 +136,43 @@ def check_settings(
         raise ValueError(f"steps and chunk must be at least 1; got steps={steps}, chunk={chunk}")
     if starts < 1:
         raise ValueError(f"starts must be at least 1; got {starts}")
-    if minibatch is not None and not 1 <= minibatch <= n:
-        raise ValueError(f"minibatch must be between 1 and the {n} items to learn from; got {minibatch}")
+    if minibatch is not None and not 1 <= minibatch <= learned:
+        raise ValueError(f"minibatch must be between 1 and the {learned} items to learn from; got {minibatch}")
     if key is None and (starts > 1 or minibatch is not None):
         raise ValueError("several starts and minibatches are drawn: give key=jax.random.key(…)")
-    if named is None and minibatch is not None:
+    if optimizer is None and minibatch is not None:
         raise ValueError("minibatches need an optimizer of optax, such as optax.adam(0.05)")
+    devices = 1 if mesh is None else mesh.size
+    for what, number in (even, ("minibatch", minibatch or 0)):
+        if number % devices:
+            raise ValueError(f"on {devices} devices {what} must be a multiple of it; got {number}")
+    labels, numbers = numbered(subjects, n)
+    check_priors(priors, transforms)
+    params = spread_out(params, transforms, len(labels))
+    free, items = start(params, transforms), Items(data, numbers)
+    epoch = 1 if minibatch is None else -(-(learned + -learned % devices) // minibatch)
+    settings, usable = Settings(steps, minibatch, every or epoch, patience, optimizer is None), supported(optimizer)
+    marks = {
+        "data": items, "params": params, "transforms": transforms, "priors": priors, "settings": settings,
+        "starts": (starts, spread), "key": key, "loss": loss, "optimizer": usable,
+    }  # fmt: skip
+    return Task(
+        Problem(loss, transforms, priors, mesh), params, free, scattered(key, free, starts, spread), items, labels,
+        settings, usable, None if checkpoint_file is None else Path(checkpoint_file), marks,
+    )  # fmt: skip
 
 
-def check_mesh(mesh: Mesh | None, minibatch: int | None, name: str, count: int) -> None:
-    """Raise ValueError if a number of items cannot be divided among the devices."""
-    for what, number in ((name, count), ("minibatch", minibatch or 0)):
-        if mesh is not None and number % mesh.size:
-            raise ValueError(f"on {mesh.size} devices {what} must be a multiple of it; got {number}")
-
-
-def _split(items: Items, validation: AnyArray | None, n: int) -> tuple[Items, Items | None, np.ndarray]:
-    """Training items, validation items, and the numbers of the training items."""
+def _split(validation: AnyArray | None, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of the training and of the validation items."""
     if validation is None:
-        return items, None, np.arange(n)
+        return np.arange(n), np.arange(0)
     mask = np.asarray(validation)
     if mask.dtype != np.bool_ or mask.shape != (n,) or mask.all() or not mask.any():
         raise ValueError(
             f"validation must be a bool for each of the {n} items, some True and some False; got {mask.dtype} of "
             f"shape {mask.shape}, {int(mask.sum())} True"
         )
-    learn, judge = np.flatnonzero(~mask), np.flatnonzero(mask)
-    parts = (jax.tree.map(lambda leaf, chosen=chosen: np.asarray(leaf)[chosen], items) for chosen in (learn, judge))
-    return next(parts), next(parts), learn
-
-
-def _filled(items: Items, mesh: Mesh | None) -> tuple[Items, np.ndarray]:
-    """Items and their weights; copies with weight 0 make the number of items a multiple of the mesh's devices."""
-    n = items.subject.shape[0]
-    more = 0 if mesh is None else -n % mesh.size
-    weights = np.concatenate([np.ones(n), np.zeros(more)])
-    if more:
-        items = jax.tree.map(lambda leaf: np.concatenate([leaf, np.repeat(np.asarray(leaf)[-1:], more, 0)]), items)
-    return items, weights
+    return np.flatnonzero(~mask), np.flatnonzero(mask)
 
 
 def fit[P](
@@ -205,18 +230,13 @@ def fit[P](
             items; None for every step, or every epoch.
         patience: number of such losses without improvement after which the fit stops; None: no early stop.
         key: PRNG key of starts and minibatches.
-        checkpoint_file: file in which the state is saved about twenty times. With the same file, an interrupted fit
-            continues and ends with the same result; a finished fit returns its result at once. The file of another fit
-            is refused. Loss and optimizer are compared by their source and the values that they keep: name another file
-            when other functions that the loss calls have changed.
+        checkpoint_file: file in which the state is saved after every chunk. With the same file, an interrupted fit
+            continues and ends with the same result. The file of another fit is refused; loss and optimizer are compared
+            by their source and the values that they keep: name another file when functions that they call have changed.
         mesh: devices of one axis, over which the items are distributed; with several processes, each process passes
             the whole `data` and returns the whole result.
         progress: function called on the host after every chunk; it has no influence on the result.
-        chunk: number of steps between two calls of `progress` and two saves, at least 2; None for a twentieth
-            of all, without an optimizer 4.
-
-    Returns:
-        The parameters with the lowest loss, and the history.
+        chunk: number of steps in a chunk, at least 2; None for a twentieth of all, without an optimizer 4.
 
     Raises:
         TypeError: if `params` and `transforms` do not match, or `data` holds anything but numbers.
@@ -225,37 +245,27 @@ def fit[P](
             another fit.
     """
     data, n = check_data(data, batched)
-    labels, number = numbered(subjects, n)
-    check_priors(priors, transforms)
-    params = spread_out(params, transforms, len(labels))
-    free = start(params, transforms)
-    problem = Problem(loss, transforms, priors, mesh)
-    items = Items(data, number)
-    problem, known, dtype = reduced(problem, params, free, items)
-    learn, judge, numbers = _split(known, validation, n)
-    check_settings(steps, chunk, starts, key, minibatch, numbers.size, optimizer)
-    check_mesh(mesh, minibatch, "the number of validation items", 0 if judge is None else judge.subject.size)
-    learn, weights = _filled(learn, mesh)
-    epoch = 1 if minibatch is None else -(-weights.size // minibatch)
-    settings = Settings(steps, minibatch, every or epoch, patience, optimizer is None)
-    optimizer = supported(optimizer)
-    mark = {} if checkpoint_file is None else checkpoint.fingerprint(
-        data=items, params=params, transforms=transforms, priors=priors, settings=settings, validation=validation,
-        starts=(starts, spread), key=key, loss=loss, optimizer=optimizer,
+    learn, judge = _split(validation, n)
+    task = posed(
+        loss, params, transforms, data, optimizer, n, subjects, steps=steps, priors=priors, starts=starts,
+        spread=spread, minibatch=minibatch, key=key, checkpoint_file=checkpoint_file, mesh=mesh, chunk=chunk,
+        learned=learn.size, even=("the number of validation items", judge.size), every=every, patience=patience,
     )  # fmt: skip
-    begin = scattered(key, free, starts, spread)
+    problem, known, dtype = task.reduced()
+    # copies without weight make the number of items a multiple of the devices
+    more = 0 if mesh is None else -learn.size % mesh.size
+    weights = np.concatenate([np.ones(learn.size), np.zeros(more)])
+
+    def placed(chosen: np.ndarray) -> Items:
+        return place(problem, jax.tree.map(lambda leaf: np.asarray(leaf)[chosen], known))
+
+    learned, checked = placed(np.append(learn, np.repeat(learn[-1:], more))), placed(judge) if judge.size else None
     carry, trace = descend(
-        problem, optimizer, settings,
-        Context(params, place(problem, learn), None if judge is None else place(problem, judge), key),
-        begin, np.tile(weights, (starts, 1)), dtype, chunk=chunk, report=progress,
-        file=None if checkpoint_file is None else Path(checkpoint_file), mark=mark,
+        problem, task.optimizer, task.settings, Context(task.params, learned, checked, key), task.begin,
+        np.tile(weights, (starts, 1)), dtype, chunk=chunk, report=progress, file=task.file,
+        mark=task.mark(validation=validation),
     )  # fmt: skip
-    return result_of(problem, params, carry, trace, begin, labels, numbers)
-
-
-def lane(tree: PyTree, number: int | slice | np.ndarray) -> PyTree:
-    """The parts of a tree that belong to one or some of several fits."""
-    return jax.tree.map(lambda leaf: leaf[number], tree)
+    return result_of(task, carry, trace, learn)
 
 
 def best_starts(carry: Carry, starts: int) -> np.ndarray:
@@ -273,72 +283,62 @@ EDGE = 9.2
 """Least |logit| at an end of an interval: within a ten-thousandth of its width, where the gradient vanishes; chosen."""
 
 
-def warn_of_flat(
-    transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree, stacklevel: int
-) -> tuple[str, ...]:  # fmt: skip
-    """Warn of the free parameters that are not learned, with the reason, from free coordinates at begin and end.
-
-    Returns:
-        Their names.
-    """
-    bounded = over_transforms(lambda t, free: jax.tree.map(lambda _: is_interval(t), free), transforms, begin)
-    nothing, stuck = [], []
+def _not_learned(transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree) -> dict[str, list[str]]:
+    """Reason → names of the free parameters that are not learned, from free coordinates at begin and end."""
+    nothing = (
+        "the gradient is 0 at every step, or no more than rounding, for the loss of these items does not depend on it "
+        "there"
+    )
+    stuck = "the start value lies at an end of the range, where the gradient vanishes: start further inside"
+    bounded = over_transforms(
+        lambda t, free: jax.tree.map(lambda _: math.isfinite(t.low) and math.isfinite(t.high), free), transforms, begin
+    )
+    names: dict[str, list[str]] = {nothing: [], stuck: []}
     for (path, first), last, inside, none in zip(
         jax.tree_util.tree_leaves_with_path(begin), *map(jax.tree.leaves, (end, bounded, flat(reach))), strict=True
     ):
-        name = jax.tree_util.keystr(path).lstrip(".")
-        if inside and min(np.min(np.abs(first)), np.min(np.abs(last))) > EDGE:
-            stuck.append(name)
-        elif none:
-            nothing.append(name)
-    for names, reason in (
-        (nothing, "the gradient is 0 at every step, or no more than rounding, for the loss of these items does not "
-                  "depend on it there"),
-        (stuck, "the start value lies at an end of the range, where the gradient vanishes: start further inside"),
-    ):  # fmt: skip
-        if names:
-            warnings.warn(f"not learned: {', '.join(names)}; {reason}", stacklevel=stacklevel)
-    return (*nothing, *stuck)
+        at_end = inside and min(np.min(np.abs(first)), np.min(np.abs(last))) > EDGE
+        if at_end or none:
+            names[stuck if at_end else nothing].append(jax.tree_util.keystr(path).lstrip("."))
+    return names
 
 
-def _not_lowered(best: float, losses: np.ndarray, accepted: np.ndarray) -> str:
-    """Why the start is the result, in words."""
-    undone = np.count_nonzero(~accepted)
-    steps = f"; {undone} of {accepted.size} steps led to a loss or a gradient that is not finite" if undone else ""
-    return (
-        f"no step lowered the loss: the start values are the result, with a loss of {best:.3g}; the loss before the "
-        f"last step is {losses[-1]:.3g}{steps}. They are an optimum already, or the learning rate is too large"
-    )
+def result_of(task: Task, carry: Carry, trace: Trace, numbers: np.ndarray) -> Fit[PyTree]:
+    """The result of a task's fits from several starts to the items with these numbers, with its warnings."""
 
+    def warn(text: str) -> None:
+        warnings.warn(text, stacklevel=4)
 
-def result_of[P](
-    problem: Problem, params: P, carry: Carry, trace: Trace, begin: PyTree, labels: tuple[str, ...], numbers: np.ndarray
-) -> Fit[P]:
-    """The result of fits from several starts to the items with these numbers."""
     (best,) = best_starts(carry, len(carry.loss))
     if best < 0 and np.isfinite(carry.loss).any():
         raise ValueError("the loss of the validation items is not finite: leave out those that cannot be computed")
     if best < 0:
         raise ValueError("the loss or its gradient is not finite at the start, for any item")
-    left_out = tuple(int(i) for i in numbers[carry.weights[best, : numbers.size] == 0.0])
+    last, transforms = lane(carry, best), task.problem.transforms
+    losses, norms, accepted, scores = (column[best, : int(last.taken)] for column in trace)
+    left_out = tuple(int(i) for i in numbers[last.weights[: numbers.size] == 0.0])
     if left_out:
         shown = ", ".join(map(str, left_out[:10])) + (", …" if len(left_out) > 10 else "")
-        warnings.warn(
+        warn(
             f"{len(left_out)} of {numbers.size} items were left out: their loss or gradient is not finite at the "
-            f"start (items {shown})",
-            stacklevel=3,
+            f"start (items {shown})"
         )
-    best_carry = lane(carry, best)
-    losses, norms, accepted, scores = (column[best, : int(best_carry.taken)] for column in trace)
-    transforms = problem.transforms
-    every, marks = names_of(transforms), transforms_of(transforms)
-    of_subjects = tuple(name for name, mark in zip(every, marks, strict=True) if mark.per_subject)
-    flat_ones = (
-        warn_of_flat(transforms, lane(begin, best), best_carry.best, best_carry.reach, 4) if accepted.any() else ()
-    )
-    if not best_carry.best_step and len(flat_ones) < len(jax.tree.leaves(best_carry.best)):
-        warnings.warn(_not_lowered(float(best_carry.best_score), losses, accepted), stacklevel=3)
+    reasons = _not_learned(transforms, lane(task.begin, best), last.best, last.reach) if accepted.any() else {}
+    for reason, names in reasons.items():
+        if names:
+            warn(f"not learned: {', '.join(names)}; {reason}")
+    not_learned = tuple(name for names in reasons.values() for name in names)
+    if not last.best_step and len(not_learned) < len(jax.tree.leaves(last.best)):
+        undone = np.count_nonzero(~accepted)
+        steps = f"; {undone} of {accepted.size} steps led to a loss or a gradient that is not finite" if undone else ""
+        warn(
+            f"no step lowered the loss: the start values are the result, with a loss of {last.best_score:.3g}; the "
+            f"loss before the last step is {losses[-1]:.3g}{steps}. They are an optimum already, or the learning rate "
+            "is too large"
+        )
+    marks = zip(names_of(transforms), transforms_of(transforms), strict=True)
     return Fit(
-        constrain(best_carry.best, transforms, params), best_carry.best, losses, norms, accepted,
-        float(best_carry.best_score), scores, left_out, labels, flat_ones, of_subjects, int(best_carry.best_step),
+        constrain(last.best, transforms, task.params), last.best, losses, norms, accepted, float(last.best_score),
+        scores, left_out, task.labels, not_learned, tuple(name for name, mark in marks if mark.per_subject),
+        int(last.best_step),
     )  # fmt: skip

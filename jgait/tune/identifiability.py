@@ -16,22 +16,33 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
-from jgait.notes import record
-from jgait.params import Transform, constrain
+from jgait.notes import record, resolved
+from jgait.params import Transform, constrain, positive
 from jgait.tune.checks import check_data, check_priors, is_transform, numbered
 from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
 from jgait.tune.problem import Items, Problem, penalty
 from jgait.tune.remainder import reduced
-from jgait.tune.words import Direction, direction, sentences
-
-INFORMATION = ("hessian", "sandwich")
-"""Ways to compute the information matrix, see `identifiability`."""
 
 TOGETHER = 0.95
 """Least absolute correlation at which two parameters are reported as correlated."""
 
 ROUNDINGS = 1000.0
 """Assumed largest rounding error of second derivatives [epsilons of the dtype for each free number]."""
+
+LARGE = 0.3
+"""Least absolute component of a unit vector at which a direction's name includes the parameter [1]."""
+
+OFF = 0.25
+"""Least gᵀ B⁻¹ g at which a point is reported as not an optimum: half a standard error away [1]."""
+
+
+class Direction(NamedTuple):
+    """A combination of parameters in free coordinates."""
+
+    names: tuple[str, ...]  #: names of the parameters with large components.
+    weights: tuple[float, ...]  #: those components of the unit vector, the largest positive.
+    stddev: float  #: standard deviation along the direction; infinite without information.
+    words: str  #: the combination as text, for example "0.71 a1 − 0.71 rollover_radius".
 
 
 @record
@@ -98,22 +109,6 @@ def _spread(
     return known, unknown, decrement, along[falls]
 
 
-def _correlation(covariance: np.ndarray) -> np.ndarray:
-    deviation = np.sqrt(np.diag(covariance))
-    deviation = np.where(deviation > 0.0, deviation, 1.0)
-    correlation = np.clip(covariance / np.outer(deviation, deviation), -1.0, 1.0)
-    np.fill_diagonal(correlation, 1.0)
-    return correlation
-
-
-def _ends(at: Coordinates, vector: np.ndarray, reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Natural values at `reach` below and above the free values; the bound where `reach` is infinite."""
-    low_end, high_end = (natural_numbers(at, vector + sign * reach)[0] for sign in (-1.0, 1.0))
-    low, high = (np.array([getattr(t, end) for t in at.transforms]) for end in ("low", "high"))
-    low_end, high_end = np.where(np.isnan(low_end), low, low_end), np.where(np.isnan(high_end), high, high_end)
-    return np.minimum(low_end, high_end), np.maximum(low_end, high_end)
-
-
 @partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _derivatives(
     loss: Callable[..., PyTree], priors: tuple[PyTree, ...] | None, leaves: tuple[Transform, ...], structure: PyTree,
@@ -123,7 +118,7 @@ def _derivatives(
     gradient and second derivatives of the prior's penalty, all in free coordinates. `leaves` are the transforms.
     """
     transforms = jax.tree.unflatten(structure, leaves)
-    problem = Problem(loss, transforms, None if priors is None else jax.tree.unflatten(structure, priors), None)
+    problem = Problem(loss, transforms, None if priors is None else jax.tree.unflatten(structure, priors))
     flat, unflatten = ravel_pytree(free)
 
     def item_loss(vector: Float[Array, "free"], item: PyTree) -> Float[Array, ""]:
@@ -146,18 +141,10 @@ def _derivatives(
 
 
 def identifiability(
-    loss: Callable[[PyTree, PyTree], PyTree],
-    params: PyTree,
-    transforms: PyTree,
-    data: PyTree,
-    *,
-    batched: bool = True,
-    subjects: Sequence[Hashable] | None = None,
-    information: str = "hessian",
-    level: float = 0.95,
-    limit: float = 1.0,
-    priors: PyTree = None,
-) -> Identifiability:
+    loss: Callable[[PyTree, PyTree], PyTree], params: PyTree, transforms: PyTree, data: PyTree, *,
+    batched: bool = True, subjects: Sequence[Hashable] | None = None, information: str = "hessian",
+    level: float = 0.95, limit: float = 1.0, priors: PyTree = None,
+) -> Identifiability:  # fmt: skip
     """Standard errors of the best parameters, and the directions that the data do not determine.
 
         hessian    observed information Σ ∂²ℓᵢ; its inverse is the covariance. For negative log-likelihoods.
@@ -177,7 +164,7 @@ def identifiability(
         batched: whether `data` has an axis of items.
         subjects: (n,) subject of each item; items of one subject are not independent, and count as one in "sandwich".
             None: every item is independent.
-        information: one of `INFORMATION`.
+        information: "hessian" or "sandwich".
         level: confidence level of the intervals, which are symmetric in free coordinates and so inside the bounds.
         limit: largest standard error in free coordinates that counts as determined.
         priors: the type of `params`, holding a `jgait.params.Prior` or None for each, as in `fit`, each added once.
@@ -192,15 +179,15 @@ def identifiability(
 
     Source: White (1982), Econometrica 50, for the sandwich. Tests: tests/tune/test_identifiability.py.
     """
-    if information not in INFORMATION:
-        raise ValueError(f"information must be one of {', '.join(INFORMATION)}; got {information!r}")
+    if information not in ("hessian", "sandwich"):
+        raise ValueError(f"information must be one of hessian, sandwich; got {information!r}")
     if not (0.0 < level < 1.0 and 0.0 < limit < math.inf):
         raise ValueError(f"level must lie in (0, 1) and limit be positive; got level={level}, limit={limit}")
     check_priors(priors, transforms)
     at = coordinates(params, transforms)
     data, count = check_data(data, batched)
     whose = np.arange(count) if subjects is None else numbered(subjects, count)[1]
-    problem = Problem(loss, transforms, priors, None)
+    problem = Problem(loss, transforms, priors)
     problem, items, _ = reduced(problem, params, at.tree, Items(data, np.zeros(count, np.int32)))
     structure: PyTree
     leaves, structure = jax.tree.flatten(transforms, is_leaf=is_transform)
@@ -229,18 +216,26 @@ def _statement(
     usable, gradient = (information, slope) if finite else (np.zeros_like(information), np.zeros_like(slope))
     informed, blind, decrement, downwards = _spread(usable, noise if finite else usable, gradient, rounding, limit)
     covariance = informed + blind
-    correlation = _correlation(covariance)
+    deviation = np.sqrt(np.diag(covariance))
+    deviation = np.where(deviation > 0.0, deviation, 1.0)
+    correlation = np.clip(covariance / np.outer(deviation, deviation), -1.0, 1.0)
+    np.fill_diagonal(correlation, 1.0)
     free = np.asarray(at.vector, float)
     stderr_free = np.where(np.diag(blind) > 0.0, np.inf, np.sqrt(np.diag(covariance)))
     values, slopes = natural_numbers(at, free)
     infinite = np.isinf(stderr_free)
     stderr = np.where(infinite, np.inf, np.abs(slopes) * np.where(infinite, 0.0, stderr_free))
-    low, high = _ends(at, free, NormalDist().inv_cdf(0.5 + level / 2.0) * stderr_free)
+    reach = NormalDist().inv_cdf(0.5 + level / 2.0) * stderr_free
+    # where the reach is infinite, the bound
+    ends = [np.where(np.isnan(at_end), [getattr(t, name) for t in at.transforms], at_end) for name, at_end in (
+        ("low", natural_numbers(at, free - reach)[0]), ("high", natural_numbers(at, free + reach)[0])
+    )]  # fmt: skip
+    low, high = np.minimum(*ends), np.maximum(*ends)
     _, eigenvectors = np.linalg.eigh(usable)
     known, unknown = (np.einsum("ik,ij,jk->k", eigenvectors, part, eigenvectors) for part in (informed, blind))
     deviations = np.where(unknown > known, np.inf, np.sqrt(np.maximum(known, 0.0)))
     loose = tuple(
-        direction(at.names, eigenvectors[:, k], float(deviations[k]))
+        _direction(at.names, eigenvectors[:, k], float(deviations[k]))
         for k in np.argsort(-deviations, kind="stable")
         if deviations[k] > limit
     )
@@ -254,5 +249,80 @@ def _statement(
     # Where neither is determined, `directions` has their combination.
     pairs = np.argwhere(np.triu(np.abs(correlation) >= TOGETHER, 1))
     together = [(int(i), int(j)) for i, j in pairs if determined[i] or determined[j]]
-    falling = [direction(at.names, vector, math.inf) for vector in downwards]
-    return result._replace(sentences=sentences(result, at.transforms, together, falling, finite, limit))
+    falling = [_direction(at.names, vector, math.inf) for vector in downwards]
+    return result._replace(sentences=_sentences(result, at.transforms, together, falling, finite, limit))
+
+
+def _direction(names: tuple[str, ...], vector: np.ndarray, stddev: float) -> Direction:
+    """Describe a unit vector by its large components, or by the largest ones if all are small."""
+    vector = vector * (1.0 if vector[np.argmax(np.abs(vector))] > 0.0 else -1.0)
+    order = np.argsort(-np.abs(vector), kind="stable")
+    large = [int(i) for i in order if abs(vector[i]) >= LARGE] or [int(i) for i in order[:3]]
+    words = names[large[0]] if len(large) == 1 else f"{vector[large[0]]:.2f} {names[large[0]]}"
+    for i in large[1:]:
+        words += f" {'−' if vector[i] < 0.0 else '+'} {abs(vector[i]):.2f} {names[i]}"
+    return Direction(tuple(names[i] for i in large), tuple(float(vector[i]) for i in large), stddev, words)
+
+
+def _is_positive(transform: Transform) -> bool:
+    """Whether the free value is the logarithm."""
+    return transform.to_free is positive.to_free
+
+
+def _unknown(name: str, transform: Transform, stderr: float, low: float, high: float, level: float) -> str:
+    """That a parameter is not determined, with its standard error or interval."""
+    sentence = f"{name} is not determined by these data: "
+    if math.isinf(stderr):
+        return sentence + "its standard error is infinite"
+    if math.isfinite(transform.low) and math.isfinite(transform.high):
+        ends = " to ".join(resolved(end, high - low) for end in (low, high))
+        return sentence + f"its {100 * level:g} % interval is {ends} of {transform.name}"
+    if _is_positive(transform):
+        factor = f"a factor of {math.exp(stderr):.3g}" if stderr < 14.0 else "more than a factor of a million"
+        return sentence + f"its standard error is {factor}"
+    return sentence + f"its standard error is {stderr:.3g}"
+
+
+def _known(name: str, transform: Transform, value: float, stderr_free: float, stderr: float) -> str:
+    """A sentence stating the value of a parameter and one standard error."""
+    if _is_positive(transform) and stderr_free >= LARGE:
+        return f"{name} {value:.4g} within a factor of {math.exp(stderr_free):.2g}"
+    if _is_positive(transform):
+        return f"{name} {resolved(value, value * stderr_free, 4)} ± {100.0 * stderr_free:.2g} %"
+    return f"{name} {resolved(value, stderr, 4)} ± {stderr:.2g}"
+
+
+def _sentences(
+    result: Identifiability, transforms: tuple[Transform, ...], together: list[tuple[int, int]],
+    falling: list[Direction], finite: bool, limit: float,
+) -> list[str]:  # fmt: skip
+    """An `Identifiability` in sentences: problems, undetermined parameters, the pairs `together` whose correlation is
+    stated, determined parameters. Along `falling` directions the loss curves downwards; `finite`: all derivatives are.
+    """
+    lines: list[str] = []
+    if not finite:
+        lines.append("nothing can be said: the derivatives of the loss are not finite at these parameters")
+    for fall in falling:
+        lines.append(f"the point is no minimum: the loss curves downwards along {fall.words}")
+    if not result.decrement <= OFF:
+        lines.append(
+            "the point is no optimum: the gradient asks for a step of "
+            f"{math.sqrt(result.decrement):.2g} standard errors"
+        )
+    rows = list(zip(result.names, transforms, result.determined, strict=True))
+    for i, (name, transform, good) in enumerate(rows):
+        if not good:
+            lines.append(_unknown(name, transform, result.stderr_free[i], result.low[i], result.high[i], result.level))
+    for loose in result.directions:
+        if len(loose.names) > 1 and finite:
+            spread = "infinite" if math.isinf(loose.stddev) else f"{loose.stddev:.3g}, above {limit:g}"
+            lines.append(f"the combination {loose.words} is not determined: its standard deviation is {spread}")
+    for i, j in together:
+        value = result.correlation[i, j]
+        verb = "move together" if value > 0.0 else "move against each other"
+        number = f"{value:.2f}".replace("-", "−")
+        lines.append(f"{result.names[i]} and {result.names[j]} {verb}, correlation {number}")
+    for i, (name, transform, good) in enumerate(rows):
+        if good:
+            lines.append(_known(name, transform, result.values[i], result.stderr_free[i], result.stderr[i]))
+    return lines

@@ -96,12 +96,11 @@ def resampled(estimate: Estimate, time: npt.ArrayLike) -> Estimate:
     places = [None if foot is None else FootTrajectory(foot.position, None, None) for foot in estimate.feet or ()]
     legs, way, feet = jax.tree.map(here, (estimate.legs, estimate.distance, Feet(*places) if places else None))
     valid = np.interp(at, theirs, as_float(estimate.valid), left=0.0, right=0.0) > 1.0 - 1e-6
-    numbers = {name: as_float(v) for name, v in estimate.diagnostics.items() if _is_number(v)}
+    numbers = {
+        name: as_float(v) for name, v in estimate.diagnostics.items()
+        if v is not None and np.ndim(v) == 0 and np.asarray(v).dtype.kind in "fiub"
+    }  # fmt: skip
     return Estimate(ours, legs, None, way, valid, numbers, estimate.strides, feet)
-
-
-def _is_number(value: npt.ArrayLike) -> bool:
-    return value is not None and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiub"
 
 
 def _mask(span: tuple[int, int] | None, samples: int, otherwise: bool) -> np.ndarray:
@@ -114,11 +113,12 @@ def _item(
     windows: Callable[[Walk, Prepared[PyTree]], Windows] | None, reference: bool,
 ) -> _Item:  # fmt: skip
     """A lesson of one walk. Raises RecordingError if the walk cannot be used."""
-    if reference and walk.reference is None:
+    truth = walk.reference if reference else None
+    if reference and truth is None:
         raise RecordingError("there is no reference to learn from")
     made = estimator.prepared(walk.recording)
     where = Windows(None, made.standing) if windows is None else windows(walk, made)
-    truth = resampled(walk.reference, made.inputs.time) if reference and walk.reference is not None else None
+    truth = None if truth is None else resampled(truth, made.inputs.time)
     samples = np.shape(made.inputs.time)[0]
     look = _mask(where.look, samples, True)
     judged = np.flatnonzero(look if truth is None else look & truth.valid)
@@ -210,9 +210,6 @@ def lessons(
             whichever parameters are fitted; None for none.
         windows: (walk, prepared) → `Windows`; None: the whole walk, relative to the standing detected.
         reference: whether a reference is needed; if False, none is kept, for losses without a reference.
-
-    Returns:
-        The lessons, stacked; the references with the scalar diagnostics and the columns of strides that all have.
 
     Raises:
         ValueError: if no walk can be used; the message gives the reason.

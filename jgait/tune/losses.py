@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from jgait.estimators.stride_flags import as_far
 from jgait.geometry.matching import aligned_error, matched, span
-from jgait.types import AnyArray, Estimate, LegTrajectory, Scalar, Strides, Values
+from jgait.types import AnyArray, Estimate, Scalar, Strides, Values
 
 _DEGREE = jnp.pi / 180.0
 _CENTIMETRE = 0.01
@@ -55,11 +55,8 @@ def mean_squared(
     estimate: Float[AnyArray, "..."], reference: Float[AnyArray, "..."], valid: Bool[AnyArray, "..."] | None = None,
     empty: float = 0.0,
 ) -> Float[Array, ""]:  # fmt: skip
-    """Mean squared difference (1/n) Σ (estimate − reference)² over the n valid samples of (T,); `empty` if there are
-    none.
-
-    Raises:
-        ValueError: if the shapes differ.
+    """Mean squared difference (1/n) Σ (estimate − reference)² over the n valid samples of (T,), which must have the
+    same shape; `empty` if there are none.
     """
     return masked_mean(_difference(estimate, reference, valid) ** 2, valid, empty)
 
@@ -70,41 +67,23 @@ def _window(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "tim
     return both if window is None else both & jnp.asarray(window)
 
 
-def _pairs(estimate: Estimate, reference: Estimate) -> list[tuple[LegTrajectory, LegTrajectory]]:
-    pairs = [(a, b) for a, b in zip(estimate.legs, reference.legs, strict=True) if a is not None and b is not None]
-    if not pairs:
-        raise ValueError("estimate and reference share no leg")
-    return pairs
-
-
 def trajectory(
-    estimate: Estimate,
-    reference: Estimate,
-    weights: TrajectoryWeights | None = None,
-    *,
-    window: Bool[AnyArray, "time"] | None = None,
-    relative_to: Bool[AnyArray, "time"] | None = None,
-) -> Float[Array, ""]:
-    """Weighted mean squared error of a leg's angles and foot path.
+    estimate: Estimate, reference: Estimate, weights: TrajectoryWeights | None = None, *,
+    window: Bool[AnyArray, "time"] | None = None, relative_to: Bool[AnyArray, "time"] | None = None,
+) -> Float[Array, ""]:  # fmt: skip
+    """Weighted mean squared error of a leg's angles and foot path [1].
 
     Σ_f w_f · mean squared difference of field f, averaged over the legs that the estimate and the reference have
 
-    Args:
-        estimate: of T samples at the reference's times.
-        reference: the true or measured trajectory.
-        weights: weights of the fields; None: an error of one degree or one centimetre has a loss of 1.
-        window: (T,) bool, samples to use; None for all. Samples invalid in either input are never used.
-        relative_to: (T,) bool, samples (of standing) whose mean difference is subtracted first; None: no subtraction.
-
-    Returns:
-        A scalar [1].
+    `window` (T,) bool has the samples to use, None for all; samples invalid in either record are never used.
+    `relative_to` (T,) bool has samples (of standing) whose mean difference is subtracted first.
 
     Raises:
         ValueError: if no leg is shared, or the numbers of samples differ.
     """
-    weights = TrajectoryWeights() if weights is None else weights
     look = _window(estimate, reference, window)
     still = None if relative_to is None else _window(estimate, reference, relative_to)
+    weights = TrajectoryWeights() if weights is None else weights
 
     def field(a: Float[AnyArray, "time"], b: Float[AnyArray, "time"]) -> Float[Array, ""]:
         if still is None:
@@ -112,7 +91,9 @@ def trajectory(
         offset = masked_mean(_difference(a, b, still), still)
         return masked_mean((_difference(a, b, look) - offset) ** 2, look)
 
-    pairs = _pairs(estimate, reference)
+    pairs = [(a, b) for a, b in zip(estimate.legs, reference.legs, strict=True) if a is not None and b is not None]
+    if not pairs:
+        raise ValueError("estimate and reference share no leg")
     terms = [
         w * field(a, b) for leg, other in pairs for w, a, b in zip(weights, leg, other, strict=True)
         if not (isinstance(w, float) and w == 0.0)  # a reference of angles has no foot path
@@ -172,10 +153,7 @@ def _of_pairs(values: Values, true: Values, row: AnyArray, paired: AnyArray, emp
 
 def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -> Float[Array, ""]:
     """Mean squared error of the initial contacts at the end of the matched strides, and of the final contacts if both
-    sides have them [s²]; `empty` without matched strides.
-
-    Raises:
-        ValueError: if the estimate or the reference has no contacts.
+    records have them [s²]; `empty` without matched strides. Raises ValueError if a record has no contacts.
     """
     theirs, ours = reference.strides, estimate.strides
     for name, strides in (("estimate", ours), ("reference", theirs)):
@@ -189,9 +167,7 @@ def contact_times(estimate: Estimate, reference: Estimate, empty: float = 0.0) -
 
 def position(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "time"] | None = None) -> Float[Array, ""]:
     """Mean squared 3-D error of the path of each foot [m²], see `aligned_error`; mean of the feet that both have.
-
-    Raises:
-        ValueError: if the estimate and the reference share no foot.
+    Raises ValueError if they share none.
     """
     look = _window(estimate, reference, window)
     ours, theirs = estimate.feet or (None, None), reference.feet or (None, None)
@@ -203,11 +179,9 @@ def position(estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "ti
 
 
 def calibration(
-    estimate: Estimate,
-    reference: Estimate,
-    window: Bool[AnyArray, "time"] | None = None,
+    estimate: Estimate, reference: Estimate, window: Bool[AnyArray, "time"] | None = None,
     relative_to: Bool[AnyArray, "time"] | None = None,
-) -> Float[Array, ""]:
+) -> Float[Array, ""]:  # fmt: skip
     """Mean negative log-likelihood of the reference under the stated deviations [nat], without the constant ½ log 2π.
 
     ½ (e/σ)² + log σ, over the stride lengths with a stated deviation, and over the joint angles of the legs, in units

@@ -29,23 +29,18 @@ def _percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     return 100.0 * (walked / true - 1.0)
 
 
-def distance(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Squared error of the distance walked from the lesson's first to its last sample [%²]."""
-    return _percent(estimate, lesson) ** 2
-
-
 def distance_percent(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """Absolute error of the distance walked [%], for validation."""
+    """Absolute error of the distance walked from the lesson's first to its last sample [%], for validation."""
     return jnp.abs(_percent(estimate, lesson))
 
 
 def _of_legs(terms: int = 1, **without: float) -> Term:
     """The loss of legs in the lesson's `look`, relative to standing, over so many terms; see `losses.trajectory`."""
+    weights = losses.TrajectoryWeights(**without)
 
     def term(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-        weights = losses.TrajectoryWeights(**without)
-        reference = _reference(lesson)
-        return losses.trajectory(estimate, reference, weights, window=lesson.look, relative_to=lesson.standing) / terms
+        look, standing = lesson.look, lesson.standing
+        return losses.trajectory(estimate, _reference(lesson), weights, window=look, relative_to=standing) / terms
 
     return term
 
@@ -60,11 +55,6 @@ def _reference(lesson: Lesson) -> Estimate:
 def position(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
     """Mean squared 3-D error of the feet's paths, yaw and shift removed [cm²]; see `losses.position`."""
     return 1e4 * losses.position(estimate, _reference(lesson), lesson.look)
-
-
-def position_log(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
-    """½ log(1 + `position`) [nat]: halving the error of a good walk counts as much as halving that of a bad one."""
-    return 0.5 * jnp.log1p(position(estimate, lesson))
 
 
 def calibration(estimate: Estimate, lesson: Lesson) -> Float[Array, ""]:
@@ -126,7 +116,9 @@ def _squared(term: Term, unit: str, words: str, *needs: str) -> Loss:
 
 
 LOSSES: dict[str, Loss] = {
-    "distance": Loss(distance, distance_percent, "%", "|error of the distance|", ("distance",)),
+    "distance": Loss(
+        lambda e, lesson: _percent(e, lesson) ** 2, distance_percent, "%", "|error of the distance|", ("distance",)
+    ),
     # the loss is the sum of two angles and two axes, the error the root of their mean
     "trajectory": Loss(
         _of_legs(), _root(_of_legs(4)), "° and cm", "RMS error of angles and foot path, 1° counted as 1 cm", ("legs",)
@@ -136,7 +128,11 @@ LOSSES: dict[str, Loss] = {
         _of_legs(hip_angle=0.0, knee_angle=0.0), "cm", "RMS error of the foot's path in the leg's plane", "legs"
     ),
     "position": _squared(position, "cm", "RMS 3-D error of the feet's paths", "feet"),
-    "position_log": Loss(position_log, _root(position), "cm", "RMS 3-D error of the feet's paths", ("feet",)),
+    # halving the error of a good walk counts as much as halving that of a bad one
+    "position_log": Loss(
+        lambda e, lesson: 0.5 * jnp.log1p(position(e, lesson)), _root(position), "cm",
+        "RMS 3-D error of the feet's paths", ("feet",),
+    ),
     "stride_length": _squared(_of_strides("length", 0.01), "cm", "RMS error of stride length", "strides.length"),
     "stride_width": _squared(_of_strides("width", 0.01), "cm", "RMS error of stride width", "strides.width"),
     "stride_height": _squared(_of_strides("height", 0.01), "cm", "RMS error of stride height", "strides.height"),
@@ -162,10 +158,8 @@ TERMS: dict[str, Term] = {
 
 
 def parsed(text: str) -> dict[str, float]:
-    """Losses with their weights from "position=1,stride_length=0.2"; a name alone has the weight 1.
-
-    Raises:
-        ValueError: if a name is unknown or given twice, or a weight is not a positive number.
+    """Losses with their weights from "position=1,stride_length=0.2"; a name alone has the weight 1. Raises ValueError
+    if a name is unknown or given twice, or a weight is not a positive number.
     """
     weights: dict[str, float] = {}
     for part in text.split(","):
@@ -197,10 +191,7 @@ def lacking(name: str, reference: Estimate | None) -> str:
 
 def asked(walk: Walk, names: Sequence[str]) -> Walk:
     """A walk with only those parts of its reference that the losses `names` need, so that walks can be stacked whose
-    references have other parts too.
-
-    Raises:
-        RecordingError: the reference cannot judge one of them.
+    references have other parts too. Raises RecordingError if the reference cannot judge one of them.
     """
     reasons = [reason for name in names if (reason := lacking(name, walk.reference))]
     if reasons:

@@ -37,9 +37,7 @@ def supported(
 
     Arguments that an optimiser does not take are dropped. The slow parameters of `optax.lookahead` become part of the
     state, and the free coordinates are the fast ones. Random keys, as of `optax.add_noise`, are stored as their data.
-
-    Raises:
-        TypeError: if it is no optimiser of optax.
+    Raises TypeError if it is no optimiser of optax.
     """
     optimizer = QUASI_NEWTON if optimizer is None else optimizer
     if isinstance(optimizer, optax.MultiSteps):
@@ -50,13 +48,16 @@ def supported(
     arguments = inspect.signature(inner.update).parameters
     takes_all = any(argument.kind is inspect.Parameter.VAR_KEYWORD for argument in arguments.values())
 
+    def point_of(fast: PyTree, slow: PyTree) -> PyTree:
+        return fast if slow is None else optax.LookaheadParams(fast, slow)
+
     def init(free: PyTree) -> PyTree:
         slow = free if _looks_ahead(inner, free) else None
-        return jax.tree.map(_data, inner.init(_point(free, slow))), slow
+        return jax.tree.map(_data, inner.init(point_of(free, slow))), slow
 
     def update(gradient: PyTree, state: PyTree, free: PyTree, **more: PyTree) -> PyTree:
         state, slow = state
-        point = _point(free, slow)
+        point = point_of(free, slow)
         like = inner.init(point)  # for the kinds of keys alone: the compiler drops the rest
         more = more if takes_all else {name: value for name, value in more.items() if name in arguments}
         change, new = inner.update(gradient, jax.tree.map(_restored, state, like), point, **more)
@@ -70,10 +71,6 @@ def supported(
     return whole if UNKNOWN in text else _KEPT.setdefault(text, whole)
 
 
-def _point(fast: PyTree, slow: PyTree) -> PyTree:
-    return fast if slow is None else optax.LookaheadParams(fast, slow)
-
-
 def _looks_ahead(optimizer: optax.GradientTransformation, free: PyTree) -> bool:
     """Whether the optimiser contains `optax.lookahead`, which takes two copies of the parameters."""
     try:
@@ -84,15 +81,12 @@ def _looks_ahead(optimizer: optax.GradientTransformation, free: PyTree) -> bool:
     return any(isinstance(part, kind) for part in jax.tree.leaves(state, is_leaf=lambda part: isinstance(part, kind)))
 
 
-def _is_key(leaf: PyTree) -> bool:
-    return bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
-
-
 def _data(leaf: PyTree) -> PyTree:
     leaf = jnp.asarray(leaf)
-    return jax.random.key_data(leaf) if _is_key(leaf) else leaf
+    return jax.random.key_data(leaf) if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key) else leaf
 
 
 def _restored(data: PyTree, like: PyTree) -> PyTree:
     like = jnp.asarray(like)
-    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if _is_key(like) else data
+    is_key = jnp.issubdtype(like.dtype, jax.dtypes.prng_key)
+    return jax.random.wrap_key_data(data, impl=jax.random.key_impl(like)) if is_key else data

@@ -26,8 +26,8 @@ class Problem(NamedTuple):
 
     loss: Callable[..., PyTree]
     transforms: PyTree
-    priors: PyTree
-    mesh: Mesh | None
+    priors: PyTree = None
+    mesh: Mesh | None = None
 
 
 class Items(NamedTuple):
@@ -46,8 +46,8 @@ class Context(NamedTuple):
 
     params: PyTree
     items: Items
-    checked: Items | None
-    key: Maybe[PRNGKeyArray]
+    checked: Items | None = None
+    key: Maybe[PRNGKeyArray] = None
 
 
 def kept[**P, R](build: Callable[P, R]) -> Callable[P, R]:
@@ -130,6 +130,16 @@ def value_of(losses: Float[Array, "item"], weights: Float[Array, "item"]) -> Flo
     return jnp.sum(weights * counted) / jnp.maximum(jnp.sum(weights), jnp.finfo(losses.dtype).tiny)
 
 
+def value(
+    problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"]
+) -> Float[Array, ""]:
+    """The minimised value of `total` over all items, without a gradient."""
+    loss = value_of(item_losses(problem, free, params, items), weights)
+    if problem.priors is not None:
+        loss = loss + (penalty(problem, free, params) / jnp.maximum(jnp.sum(weights), 1.0)).astype(loss.dtype)
+    return loss
+
+
 def _summed(problem: Problem, free: PyTree, slopes: PyTree, items: Items, shares: Float[Array, "item"]) -> PyTree:
     """Σ shareᵢ slopeᵢ over the items, in the type of `free`; of a parameter per subject over the subject's items."""
 
@@ -144,14 +154,9 @@ def _summed(problem: Problem, free: PyTree, slopes: PyTree, items: Items, shares
 
 
 def total(
-    problem: Problem,
-    free: PyTree,
-    params: PyTree,
-    items: Items,
-    weights: Float[Array, "item"],
-    count: Scalar,
+    problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar,
     forgiving: Bool[Array, ""],
-) -> tuple[Float[Array, ""], PyTree, PyTree, Bool[Array, "item"]]:
+) -> tuple[Float[Array, ""], PyTree, PyTree, Bool[Array, "item"]]:  # fmt: skip
     """The minimised value, its gradient, the gradient's squared standard error over the items, and whether each item's
     loss and gradient are finite, (n,) bool.
 
@@ -174,34 +179,6 @@ def total(
         loss = loss + (share * more).astype(loss.dtype)
         gradient = jax.tree.map(lambda g, s: g + (share * s).astype(g.dtype), gradient, slope)
     return loss, gradient, variance, sound
-
-
-@partial(jax.custom_vjp, nondiff_argnums=(0,))
-def value(
-    problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar
-) -> Float[Array, ""]:
-    """The value of `total` alone, for line searches; its derivative is computed as in `total`."""
-    losses = item_losses(problem, free, params, items)
-    loss = value_of(losses, weights)
-    if problem.priors is not None:
-        loss = loss + (penalty(problem, free, params) / jnp.maximum(count, 1.0)).astype(loss.dtype)
-    return loss
-
-
-def _value_forward(
-    problem: Problem, free: PyTree, params: PyTree, items: Items, weights: Float[Array, "item"], count: Scalar
-) -> tuple[Float[Array, ""], PyTree]:
-    loss, gradient, *_ = total(problem, free, params, items, weights, count, jnp.zeros((), bool))
-    return loss, gradient
-
-
-def _value_backward(
-    problem: Problem, gradient: PyTree, cotangent: Float[Array, ""]
-) -> tuple[PyTree, None, None, None, None]:
-    return jax.tree.map(lambda g: cotangent.astype(g.dtype) * g, gradient), None, None, None, None
-
-
-value.defvjp(_value_forward, _value_backward)
 
 
 def place(problem: Problem, items: Items) -> Items:

@@ -15,10 +15,8 @@ from jaxtyping import Array, Float, PyTree
 from jgait.notes import record
 from jgait.params import Transform, real
 from jgait.tune.checks import check_data
-from jgait.tune.coordinates import Coordinates, coordinates, natural
-from jgait.tune.descent import Settings, norm
-from jgait.tune.fit import lane
-from jgait.tune.lanes import descend
+from jgait.tune.coordinates import coordinates, natural
+from jgait.tune.descent import Settings, descend, lane, norm
 from jgait.tune.optimizers import supported
 from jgait.tune.problem import Context, Items, Problem, place
 from jgait.tune.remainder import loss_type, reduced
@@ -39,18 +37,13 @@ class Profile(NamedTuple):
     transform: Transform  #: transform of the number.
 
     @property
-    def free(self) -> np.ndarray:
-        """(V,) the values in free coordinates."""
-        return _free(self.transform, self.values)
-
-    @property
     def rises(self) -> np.ndarray:
         """(V,) each loss minus the profile's minimum [nat]; the minimum may lie between two values."""
         return self.losses - self._minimum()[1]
 
     def _minimum(self) -> tuple[float, float]:
         """The minimum's free coordinate and loss, from the parabola through the three lowest neighbouring values."""
-        free, losses = self.free, self.losses
+        free, losses = _free(self.transform, self.values), self.losses
         k = int(np.argmin(losses))
         near = slice(max(k - 1, 0), k + 2)
         if len(free[near]) == 3 and np.isfinite(losses[near]).all():
@@ -63,7 +56,7 @@ class Profile(NamedTuple):
         """Free coordinates of the finite values and of the minimum, ascending, and √(ℓ − min ℓ), negative before it."""
         centre, lowest = self._minimum()
         finite = np.isfinite(self.losses)
-        free = np.append(self.free[finite], centre)
+        free = np.append(_free(self.transform, self.values)[finite], centre)
         roots = np.sign(free - centre) * np.sqrt(np.maximum(np.append(self.losses[finite], lowest) - lowest, 0.0))
         order = np.argsort(free, kind="stable")
         return free[order], roots[order]
@@ -99,7 +92,8 @@ class Profile(NamedTuple):
                 return None
             return float(_natural(self.transform, at))
 
-        return end(-1, self.free[0]), end(1, self.free[-1])
+        ends = _free(self.transform, self.values[[0, -1]])
+        return end(-1, ends[0]), end(1, ends[1])
 
 
 def _free(transform: Transform, values: npt.ArrayLike) -> np.ndarray:
@@ -119,31 +113,10 @@ class _Held(NamedTuple):
     value: PyTree
 
 
-def _values(at: Coordinates, name: str, values: npt.ArrayLike) -> tuple[int, np.ndarray]:
-    """Place of the profiled number, and the values at which it is held, ascending."""
-    if name not in at.names:
-        raise ValueError(f"name must be one of the free numbers {', '.join(at.names)}; got {name!r}")
-    place = at.names.index(name)
-    transform = at.transforms[place]
-    array = np.sort(np.asarray(values, float).ravel())
-    if array.size < 2 or np.any(np.diff(array) == 0.0):
-        raise ValueError(f"values must be two different numbers at least; got {values!r}")
-    if not np.all((array > transform.low) & (array < transform.high) & np.isfinite(array)):
-        raise ValueError(f"values of '{name}' must lie in ({transform.low:g}, {transform.high:g}); got {values!r}")
-    return place, array
-
-
 def profile(
-    loss: Callable[[PyTree, PyTree], PyTree],
-    params: PyTree,
-    transforms: PyTree,
-    data: PyTree,
-    name: str,
-    values: npt.ArrayLike,
-    optimizer: optax.GradientTransformation | optax.MultiSteps,
-    *,
-    steps: int = 100,
-) -> Profile:
+    loss: Callable[[PyTree, PyTree], PyTree], params: PyTree, transforms: PyTree, data: PyTree, name: str,
+    values: npt.ArrayLike, optimizer: optax.GradientTransformation | optax.MultiSteps, *, steps: int = 100,
+) -> Profile:  # fmt: skip
     """The loss with one parameter held at each value in turn and all other free parameters fitted.
 
     A profile needs no curvature; unlike a standard error it shows intervals that are not symmetric or have no end. One
@@ -159,10 +132,16 @@ def profile(
     if steps < 1:
         raise ValueError(f"steps must be at least 1; got {steps}")
     at = coordinates(params, transforms)
-    number, held = _values(at, name, values)
+    if name not in at.names:
+        raise ValueError(f"name must be one of the free numbers {', '.join(at.names)}; got {name!r}")
+    number = at.names.index(name)
+    transform, held = at.transforms[number], np.sort(np.asarray(values, float).ravel())
+    if held.size < 2 or np.any(np.diff(held) == 0.0):
+        raise ValueError(f"values must be two different numbers at least; got {values!r}")
+    if not np.all((held > transform.low) & (held < transform.high) & np.isfinite(held)):
+        raise ValueError(f"values of '{name}' must lie in ({transform.low:g}, {transform.high:g}); got {values!r}")
     data, count = check_data(data, True)
-    given = Problem(loss, transforms, None, None)
-    known, items, _ = reduced(given, params, at.tree, Items(data, np.zeros(count, np.int32)))
+    known, items, _ = reduced(Problem(loss, transforms), params, at.tree, Items(data, np.zeros(count, np.int32)))
 
     def whole(part: _Held) -> Float[Array, "free"]:
         return jnp.concatenate([part.others[:number], part.value[None], part.others[number:]])
@@ -172,15 +151,11 @@ def profile(
         return known.loss(natural(at, whole(fixed), transforms, params), item)
 
     others = jnp.delete(at.vector, number)
-    start = _Held(
-        jnp.tile(others, (len(held), 1)), jnp.asarray(_free(at.transforms[number], held), at.vector.dtype)
-    )  # fmt: skip
-    problem = Problem(of_others, _Held(real, real), None, None)
-    single = lane(start, 0)
-    context = Context(single, place(problem, items), None, None)
+    start = _Held(jnp.tile(others, (len(held), 1)), jnp.asarray(_free(transform, held), at.vector.dtype))
+    problem, single = Problem(of_others, _Held(real, real)), lane(start, 0)
     carry, trace = descend(
-        problem, supported(optimizer), Settings(steps, None, 1, None), context, start, np.ones((len(held), count)),
-        loss_type(problem, single, items), chunk=None, report=None, file=None, mark={},
+        problem, supported(optimizer), Settings(steps), Context(single, place(problem, items)), start,
+        np.ones((len(held), count)), loss_type(problem, single, items),
     )  # fmt: skip
     if not np.array_equal(carry.best.value, start.value):
         raise ValueError("the optimizer must leave a number as it is whose gradient is 0, without a decay of weights")
@@ -191,4 +166,4 @@ def profile(
     slopes = norms[np.arange(len(held)), np.minimum(carry.best_step, norms.shape[1] - 1)]
     fits = natural(at, jax.vmap(whole)(carry.best), transforms, params)
     losses = np.where(finite, count * carry.best_score, np.inf)
-    return Profile(name, held, losses, fits, count * slopes, at.transforms[number])
+    return Profile(name, held, losses, fits, count * slopes, transform)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import jax
@@ -13,30 +14,22 @@ from jaxtyping import Array, Float, PyTree
 from jgait.estimators.programs import bucket
 from jgait.geometry.arrays import on_host
 from jgait.params import Transform
-from jgait.tune.checks import check_loss, over_transforms
+from jgait.tune.checks import over_transforms
 from jgait.tune.lessons import Lesson, lengthened
 from jgait.tune.objective import Objective
 from jgait.tune.problem import Items, Problem, of_subject
 
-LOOPS = frozenset({"scan", "while"})
 
-
+@dataclass(frozen=True)
 class Remainder:
-    """(params, constants) → loss of an item, by the operations that depend on the free parameters alone."""
+    """(params, constants) → loss of an item, by the operations that depend on the free parameters alone.
 
-    def __init__(self, transforms: PyTree, operations: Any, form: Hashable) -> None:
-        """Take the transforms and the traced operations of one item; those of other items differ by constants only, and
-        have the same form.
-        """
-        self.transforms, self.operations, self._key = transforms, operations, (transforms, form)
+    Two with equal transforms and the same form of operations, which then differ by constants only, share programs.
+    """
 
-    def __eq__(self, other: object) -> bool:
-        """Whether both are the same function, so that they share compiled programs."""
-        return isinstance(other, Remainder) and self._key == other._key
-
-    def __hash__(self) -> int:
-        """The hash of what is compared."""
-        return hash(self._key)
+    transforms: PyTree
+    operations: Any = field(compare=False)  #: those of one item, as they were traced.
+    form: Hashable
 
     def __call__(self, params: PyTree, constants: tuple[list[Array], list[Array]]) -> Float[Array, ""]:
         """The loss; `constants` as of `_constants`."""
@@ -59,14 +52,8 @@ def reduced(problem: Problem, params: PyTree, free: PyTree, items: Items) -> tup
     is left, traced for each item, replaces it if it has no loop over samples, as of a filter, and is the same for all
     items but for numbers; else the problem and the items are returned as they are.
 
-    Args:
-        problem: the minimised function.
-        params: parameters in natural units; those per subject with a leading axis.
-        free: free coordinates, None where fixed.
-        items: every leaf has a leading axis.
-
-    Raises:
-        ValueError: if the loss of an item is not one floating-point number.
+    Parameters per subject, and all items, have a leading axis. Raises ValueError if the loss of an item is not one
+    floating-point number.
     """
     if not (isinstance(problem.loss, Objective) and isinstance(items.data, Lesson)):
         return problem, items, loss_type(problem, params, items)
@@ -74,7 +61,7 @@ def reduced(problem: Problem, params: PyTree, free: PyTree, items: Items) -> tup
     for k in range(items.subject.size):
         traced = _traced(problem, params, free, jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k], items))
         if first is None:
-            if not LOOPS.isdisjoint(_names(traced.jaxpr)):
+            if not {"scan", "while"}.isdisjoint(_names(traced.jaxpr)):
                 return problem, items, traced.out_avals[0].dtype
             first = traced.jaxpr
             form = _form(first)
@@ -90,9 +77,14 @@ def reduced(problem: Problem, params: PyTree, free: PyTree, items: Items) -> tup
 
 
 def loss_type(problem: Problem, params: PyTree, items: Items) -> DTypeLike:
-    """The dtype of the loss of one item with its subject's parameters; raises like `check_loss`."""
+    """The dtype of the loss of one item. Raises ValueError if the loss is not one floating-point number."""
     data, subject = jax.tree.map(lambda leaf: leaf[0], tuple(items))
-    return check_loss(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
+    out = jax.eval_shape(lambda p, item: problem.loss(of_subject(p, problem.transforms, subject), item), params, data)
+    leaves = jax.tree.leaves(out)
+    if len(leaves) != 1 or leaves[0].shape != () or not jnp.issubdtype(leaves[0].dtype, jnp.floating):
+        got = ", ".join(f"{leaf.dtype}{list(leaf.shape)}" for leaf in leaves) or repr(out)
+        raise ValueError(f"loss must return one floating-point scalar for one item; got {got}")
+    return leaves[0].dtype
 
 
 def _moving(transforms: PyTree, params: PyTree) -> list[PyTree]:

@@ -64,10 +64,10 @@ def test_it_equals_a_loop_over_fits():
 
 
 def test_groups_of_fits_change_nothing(monkeypatch):
-    from jgait.tune import lanes
+    from jgait.tune import descent
 
     whole = run(starts=3, spread=2.0, key=jax.random.key(0), steps=7)
-    monkeypatch.setattr(lanes, "AT_ONCE", 30)  # five fits of six items at once; twelve in all
+    monkeypatch.setattr(descent, "AT_ONCE", 30)  # five fits of six items at once; twelve in all
     parts = run(starts=3, spread=2.0, key=jax.random.key(0), steps=7)
     np.testing.assert_allclose(parts.losses, whole.losses, rtol=1e-12)
     np.testing.assert_allclose(parts.params.x, whole.params.x, rtol=1e-12)
