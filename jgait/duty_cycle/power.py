@@ -87,14 +87,14 @@ class Masks(NamedTuple):
 
 
 def check_duty(duty: float) -> None:
-    """Check that a duty cycle is within (0, 1]. Raises ValueError if the duty cycle lies outside; 40 % is 0.4."""
+    """Raise ValueError if a duty cycle lies outside (0, 1]; 40 % is 0.4."""
     if not (math.isfinite(duty) and 0.0 < duty <= 1.0):
         hint = f"; {duty:g} % is {duty / 100:g}" if math.isfinite(duty) and 1.0 < duty <= 100.0 else ""
         raise ValueError(f"duty must lie in (0, 1]: the part of the time that is measured; got {duty!r}{hint}")
 
 
 def check_sensor(sensor: Sensor) -> None:
-    """Check the powers and times of a sensor. Raises ValueError if a power or time is negative or not finite."""
+    """Raise ValueError if a power or a time of a sensor is negative or not finite."""
     for name, value in (("on", sensor.on), ("off", sensor.off), ("wake_up", sensor.wake_up)):
         if not (math.isfinite(value) and value >= 0.0):
             unit = "s" if name == "wake_up" else "W"
@@ -102,11 +102,8 @@ def check_sensor(sensor: Sensor) -> None:
 
 
 def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
-    """Check that the sensor can follow a schedule.
-
-    Raises:
-        ValueError: if the numbers of units are not whole, if the wake-up is longer than the on-time (waking up would
-            cost more than measuring), or longer than the off-time that it is part of (the sensor would never be off).
+    """Raise ValueError if the sensor cannot follow a schedule: if the numbers of units are not whole, or the wake-up is
+    longer than the on-time (waking up would cost more than measuring) or the off-time that it is part of.
     """
     check_sensor(sensor)
     for name, units, least in (("on", schedule.on, 1), ("off", schedule.off, 0)):
@@ -116,25 +113,19 @@ def check_schedule(schedule: Schedule, sensor: Sensor) -> None:
         raise ValueError(f"unit must be a positive number of seconds; got {schedule.unit!r}")
     if schedule.off == 0:
         return
-    on_time, off_time = schedule.on * schedule.unit, schedule.off * schedule.unit
-    for name, seconds, why in (
-        ("on", on_time, "would spend more on waking than on measuring; make the unit or the duty cycle longer"),
-        ("off", off_time, "would never be off; make the unit longer or leave the sensor on"),
+    for name, units, why in (
+        ("on", schedule.on, "would spend more on waking than on measuring; make the unit or the duty cycle longer"),
+        ("off", schedule.off, "would never be off; make the unit longer or leave the sensor on"),
     ):
-        if sensor.wake_up > seconds:
+        if sensor.wake_up > units * schedule.unit:
             raise ValueError(
-                f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its {name}-time of {seconds:g} s: it "
-                f"{why}"
+                f"the sensor takes {sensor.wake_up:g} s to wake up, longer than its {name}-time of "
+                f"{units * schedule.unit:g} s: it {why}"
             )
 
 
 def schedule_of_duty(duty: float, unit: float = PAPER_UNIT, *, sensor: Sensor = GYROSCOPE) -> Schedule:
-    """The shortest schedule of whole units with a given duty cycle: p of q units on, p/q in lowest terms.
-
-    Args:
-        duty: share of the time in which the sensor is on [1], in (0, 1].
-        unit: length of a unit [s].
-        sensor: the sensor that follows the schedule.
+    """The shortest schedule of whole units [s] with a given duty cycle [1]: p of q units on, p/q in lowest terms.
 
     Raises:
         ValueError: if `duty` is outside (0, 1] or no such fraction, or the sensor cannot follow the schedule.
@@ -151,11 +142,7 @@ def schedule_of_duty(duty: float, unit: float = PAPER_UNIT, *, sensor: Sensor = 
 
 
 def mean_power(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
-    """Mean power under a periodic schedule [W], wake-ups included.
-
-    Raises:
-        ValueError: if the sensor cannot follow the schedule.
-    """
+    """Mean power under a periodic schedule [W], wake-ups included; raises as `check_schedule`."""
     check_schedule(schedule, sensor)
     wake = sensor.wake_up if schedule.off else 0.0
     on_time = schedule.on * schedule.unit
@@ -169,9 +156,7 @@ def saving(schedule: Schedule, sensor: Sensor = GYROSCOPE) -> float:
 
 
 def masks(schedule: Schedule, samples: int, rate_hz: float, sensor: Sensor = GYROSCOPE) -> Masks:
-    """The (T,) masks of a schedule at the samples of a recording that starts with the on-time.
-
-    The sensor followed the schedule before the recording too: the first sample is usable.
+    """The (T,) masks of a schedule at the samples of a recording that starts with the on-time, its first sample usable.
 
     Raises:
         ValueError: if the sensor cannot follow the schedule, or the rate is not positive.
@@ -194,10 +179,7 @@ def wake_samples(sensor: Sensor, rate_hz: float) -> int:
 
 
 def powered_for(wanted: Bool[AnyArray, "time"], rate_hz: float, sensor: Sensor = GYROSCOPE) -> Bool[Array, "time"]:
-    """When the sensor must be powered (T,) so that the wanted samples are usable: it wakes up before them.
-
-    A wake-up before the first sample is not included.
-    """
+    """When the sensor must be powered (T,) so that the wanted samples are usable: it wakes up before them."""
     wanted = jnp.asarray(wanted, bool)
     lead = wake_samples(sensor, rate_hz)
     on = jnp.cumsum(jnp.concatenate([wanted, jnp.zeros((lead,), bool)]).astype(jnp.int32))

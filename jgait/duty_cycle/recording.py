@@ -35,10 +35,8 @@ SLEEP_FILLED = Kind(
 
 
 def schedule_of(given: Schedule | float | None, sensor: Sensor = GYROSCOPE) -> Schedule | None:
-    """A schedule, or the schedule of a duty cycle [1] in the paper's units; None: the gyroscope is always on.
-
-    Raises:
-        ValueError: if the duty cycle is outside (0, 1], or the sensor cannot follow the schedule.
+    """A schedule, or the schedule of a duty cycle [1] in the paper's units; None: the gyroscope is always on. Raises
+    ValueError if the duty cycle is outside (0, 1], or the sensor cannot follow the schedule.
     """
     if given is None:
         return None
@@ -52,19 +50,9 @@ def gyroscope_masks(
     recording: Recording, names: Collection[str], *, schedule: Schedule | float | None = None,
     gyro_on: Mapping[str, On] | None = None, warm_up: float = 0.0, sensor: Sensor = GYROSCOPE,
 ) -> dict[str, Masks]:  # fmt: skip
-    """Masks of the gyroscopes: when each was powered, and when its samples were usable.
+    """Placement → masks (T,) of its gyroscope: when it was powered, and when its samples were usable.
 
-    Args:
-        recording: with its sensors.
-        names: placements whose masks are computed.
-        schedule: hides samples of the shanks' gyroscopes, wake-up time included; or a duty cycle [1]; or None.
-        gyro_on: placement → (T,) bool, when its gyroscope was on and awake; None, or no entry: always.
-        warm_up: time for which their gyroscopes are on before the schedule, which then begins with the off-time [s];
-            0: the schedule begins at the first sample, with the on-time.
-        sensor: the gyroscope.
-
-    Returns:
-        Placement → masks (T,). A gyroscope that is off in a mask was switched off, and woken before the next sample.
+    Args as of `fill_recording`; a gyroscope that is off in a mask was switched off, and woken before the next sample.
 
     Raises:
         ValueError: if the gyroscope cannot follow the schedule, a mask has the wrong shape or names no sensor, or
@@ -86,19 +74,14 @@ def gyroscope_masks(
             raise ValueError(f"gyro_on of {name!r} must be ({count},) bool; got {usable.shape} {usable.dtype}")
         powered = usable if usable.all() else np.asarray(power.powered_for(usable, rate_hz, sensor))
         if plan is not None and name.startswith("shank"):
-            followed = _followed(plan, count, rate_hz, warm_up, sensor)
-            powered, usable = powered & followed.powered, usable & followed.usable
+            warm = min(count, round(warm_up * rate_hz))
+            begun = round(plan.on * plan.unit * rate_hz) if warm else 0
+            later = power.masks(plan, begun + count - warm, rate_hz, sensor)
+            followed = (np.concatenate([np.ones(warm, bool), mask[begun:]]) for mask in later)
+            powered, usable = powered & next(followed), usable & next(followed)
         # A lost sample also costs energy.
         masks[name] = Masks(powered, usable & np.asarray(imu.mask, bool))
     return masks
-
-
-def _followed(plan: Schedule, count: int, rate_hz: float, warm_up: float, sensor: Sensor) -> Masks:
-    """The masks of a schedule that begins after a warm-up."""
-    warm = min(count, round(warm_up * rate_hz))
-    begun = round(plan.on * plan.unit * rate_hz) if warm else 0
-    later = power.masks(plan, begun + count - warm, rate_hz, sensor)
-    return Masks(*(np.concatenate([np.ones(warm, bool), mask[begun:]]) for mask in later))
 
 
 def check_filler(name: str | Filler) -> Filler:
@@ -163,7 +146,8 @@ def fill_recording(
         schedule: hides samples of shanks; a duty cycle [1] is in units of 1.4 s; None: only masked samples are filled.
         filler: a filler, or its name in `jgait.duty_cycle.fillers.registry`; a shank's also uses a thigh's signals.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake.
-        warm_up: time for which gyroscopes are on before the schedule, which then begins with the off-time [s].
+        warm_up: time for which gyroscopes are on before the schedule, which then begins with the off-time [s]; 0: the
+            schedule begins at the first sample, with the on-time.
         sensor: the gyroscope, for its wake-up time.
 
     Returns:

@@ -73,10 +73,8 @@ class Signals(NamedTuple):
 
 
 def check_signals(rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, thigh: Thigh | None) -> Signals:
-    """The arguments of a filler in one floating type; rates of a gyroscope that is off are 0.
-
-    Raises:
-        ValueError: if the sampling rate is outside `RATES`.
+    """The arguments of a filler in one floating type; rates of a gyroscope that is off are 0. Raises ValueError if the
+    sampling rate is outside `RATES`.
     """
     if not RATES[0] <= sampling_rate_hz <= RATES[1]:
         raise ValueError(f"the sampling rate must lie between {RATES[0]:g} and {RATES[1]:g} Hz; got {sampling_rate_hz}")
@@ -123,10 +121,7 @@ def reversed_behind(values: Shaped[AnyArray, "time *rest"], size: int) -> Shaped
 def past(
     behind: Shaped[Array, "longer *rest"], count: int, number: Int[Array, ""], lag: int, size: int
 ) -> Shaped[Array, "memory *rest"]:
-    """`size` samples from `lag` before the sample `number` of `count` on, newest first; 0 before the first sample.
-
-    `behind` is from `reversed_behind`.
-    """
+    """`size` samples from `lag` before the sample `number` of `count` on, newest first; 0 before the first sample."""
     return lax.dynamic_slice_in_dim(behind, count - 1 - number + lag, size)
 
 

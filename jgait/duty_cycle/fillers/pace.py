@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, PyTree
 
 from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, finished, past, reversed_behind
 from jgait.params import Param
@@ -36,10 +36,6 @@ class Pace(NamedTuple):
     known: Bool[Array, "time"]  #: (T,) bool, False as long as the signals are too short for a stride period.
 
 
-type _Carry = tuple[_Differences, Array, Array]
-"""Differences, smoothed square rate, seconds of walking."""
-
-
 class _Differences(NamedTuple):
     """Sums of square differences at every lag, and their weights, of the rate and of the accelerometer."""
 
@@ -57,14 +53,6 @@ def _mean(d: _Differences, some: float) -> Float[Array, "lag"]:
     sums = [(d.rate, d.rate_weight), (d.acc, d.acc_weight)]
     total = sum(s * (w.sum() + 1.0) / (s.sum() + 1.0) for s, w in sums)
     return (total + 1.5 * some) / (d.rate_weight + d.acc_weight + some)
-
-
-def _valley(score: Float[Array, "lag"]) -> tuple[Int[Array, ""], Float[Array, ""]]:
-    """Index of the deepest valley, and the offset of its minimum from that index; the two ends are no valleys."""
-    inner = score[1:-1]
-    valley = (inner <= score[:-2]) & (inner <= score[2:])
-    at = 1 + jnp.argmin(jnp.where(valley | ~valley.any(), inner, jnp.inf))
-    return at, vertex(-score[at - 1], -score[at], -score[at + 1])
 
 
 @partial(jax.jit, static_argnames=("sampling_rate_hz",))
@@ -91,7 +79,7 @@ def pace(s: Signals, sampling_rate_hz: float) -> Pace:
     count, longest = len(s.rate), int(lags[-1])
     behind = [reversed_behind(v, longest) for v in (s.rate, s.usable, force, jnp.ones_like(s.usable))]
 
-    def step(carry: _Carry, sample: tuple[Array, Array, Array, Array]) -> tuple[_Carry, Pace]:
+    def step(carry: tuple[_Differences, Array, Array], sample: tuple[Array, ...]) -> tuple[PyTree, Pace]:
         d, power, walked = carry
         number, rate, on, acc = sample
         before = [past(values, count, number, int(lags[0]), len(lags)) for values in behind]
@@ -106,7 +94,11 @@ def pace(s: Signals, sampling_rate_hz: float) -> Pace:
         )
         power = jnp.where(on, half * power + (1.0 - half) * rate**2, power)
         score = _mean(d, some) * longer
-        at, shift = _valley(score)
+        # the deepest valley; the two ends are none
+        inner = score[1:-1]
+        valley = (inner <= score[:-2]) & (inner <= score[2:])
+        at = 1 + jnp.argmin(jnp.where(valley | ~valley.any(), inner, jnp.inf))
+        shift = vertex(-score[at - 1], -score[at], -score[at + 1])
         period = ((lags[0] + at).astype(dtype) + shift) * dt
         walked = walked + jnp.where(on & (power > MOVING**2), dt, 0.0)
         weight = jnp.maximum(d.rate_weight[at], d.acc_weight[at])

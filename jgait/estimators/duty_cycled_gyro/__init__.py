@@ -45,15 +45,6 @@ from jgait.estimators.duty_cycled_gyro.params import (
 from jgait.estimators.duty_cycled_gyro.prepare import prepare as prepared
 
 __all__ = [
-    "DEFAULT",
-    "PAPER",
-    "DutyCycledOptions",
-    "DutyCycledParams",
-    "duty_model",
-    "estimate",
-    "estimator",
-    "params_of",
-    "prepared",
-    "run",
-    "with_body",
-]
+    "DEFAULT", "PAPER", "DutyCycledOptions", "DutyCycledParams", "duty_model", "estimate", "estimator", "params_of",
+    "prepared", "run", "with_body",
+]  # fmt: skip

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
-from jgait.duty_cycle.power import GYROSCOPE
+from jgait.duty_cycle.power import GYROSCOPE, MOST_UNITS
 from jgait.duty_cycle.recording import check_filler, schedule_of
 from jgait.estimators.about import About, CommandOption, EstimateFigure, EstimateTable, Settings
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, PAPER
@@ -15,9 +15,6 @@ from jgait.estimators.totals import HEIGHT, NO_LENGTHS, SHANK, THIGH, has_legs
 from jgait.types import SIDES, Estimate, as_float
 
 WORDS = {MEASURED: "measured", FILLED: "filled", HELD: "held"}
-
-UNITS = 10
-"""[1] Largest denominator of a duty cycle, and so the largest number of units in the period of a schedule."""
 
 SHOWN_S = 15.0
 """[s] Time that the figure of a long recording shows, from shortly before the first gap."""
@@ -81,13 +78,11 @@ def shown(estimate: Estimate) -> tuple[float, float] | None:
 
 
 def nearest_duty(duty: float) -> float:
-    """The nearest duty cycle with a denominator of at most `UNITS`.
-
-    Raises:
-        ValueError: a duty cycle outside (0, 1], or one that the gyroscope cannot follow.
+    """The nearest duty cycle with a denominator of at most `MOST_UNITS`. Raises ValueError for a duty cycle outside
+    (0, 1], or one that the gyroscope cannot follow.
     """
     if 0.0 < duty <= 1.0:
-        duty = float(max(Fraction(duty).limit_denominator(UNITS), Fraction(1, UNITS)))
+        duty = float(max(Fraction(duty).limit_denominator(MOST_UNITS), Fraction(1, MOST_UNITS)))
     schedule_of(duty, GYROSCOPE)
     return duty
 
@@ -98,17 +93,12 @@ def _remark(duty: float | None) -> str:
     near = nearest_duty(duty)
     if abs(near - duty) < 1e-6:
         return ""
-    share = Fraction(near).limit_denominator(UNITS)
+    share = Fraction(near).limit_denominator(MOST_UNITS)
     return f"--duty {duty:g} is taken as {share} of the time: on and off last whole units of 1.4 s"
 
 
 def _option(settings: Settings, **changed: PyTree) -> Settings:
     return {**settings, "options": settings["options"]._replace(**changed)}
-
-
-def _filler(name: str) -> str:
-    check_filler(name)
-    return name
 
 
 ABOUT = About(
@@ -127,7 +117,7 @@ ABOUT = About(
         ),
         CommandOption(
             "--filler", "how gaps are filled, such as neighbours or replicate; a wrong name lists all.", str,
-            parse=_filler,
+            parse=lambda name: check_filler(name) and name,
             settings=lambda settings, value: _option(settings, filler=value),
         ),
         CommandOption(

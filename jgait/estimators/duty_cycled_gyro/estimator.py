@@ -181,10 +181,9 @@ def estimator(
 def energy(preparation: Prepared[DutyCycledInputs], options: DutyCycledOptions) -> dict[str, Any]:
     """Power of the sensors over a prepared recording, and battery life, under the options that prepared it.
 
-    Returns:
-        `gyro_energy_saved` [1], as a share of the energy of gyroscopes that are always on; `mean_power` [W] of all
-        sensors; `battery_life` and `battery_life_always_on` of a watt-hour [s]; `usable_share` [1] of the gyroscopes'
-        samples; and `schedule_saving` [1], the share that a schedule saves in the long term.
+    `gyro_energy_saved` [1] of the energy of gyroscopes that are always on; `mean_power` [W] of all sensors;
+    `battery_life` and `battery_life_always_on` of a watt-hour [s]; `usable_share` [1] of the gyroscopes' samples; and
+    `schedule_saving` [1], the share that a schedule saves in the long term.
     """
     used, rate_hz, gyro = preparation.extra, preparation.options.sampling_rate_hz, options.gyroscope
     seconds, battery = len(preparation.inputs.time) / rate_hz, power.Battery.from_watt_hours(1.0)
@@ -208,14 +207,8 @@ def estimate(
 ) -> Estimate:  # fmt: skip
     """Leg angles of one recording whose gyroscopes are off at times, and the energy saved.
 
-    Args:
-        p: parameters; for another filler than the default, from `params_of`.
-        recording: thigh or shank sensors of one or both legs.
-        options: which parts of the method are used, and the schedule.
-        gyro_on: placement → (T,) bool, True while its gyroscope was on and awake; default: always on.
-
-    Returns:
-        An `Estimate`; `diagnostics` as of `run` and `energy`, `notes`, `standing`.
+    The parameters of another filler than the default are from `params_of`. `gyro_on` maps a placement to (T,) bool,
+    True while its gyroscope was on and awake; default: always. `diagnostics` are those of `run` and `energy`.
 
     Raises:
         RecordingError: see `duty_cycled_gyro.prepare.prepare`.

@@ -56,6 +56,8 @@ Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards
 gait assessment using wearable sensors", Wireless Health 2010, sections 4 and 8.
 """
 
+from functools import partial
+
 import jax.numpy as jnp
 from jaxtyping import PyTree
 
@@ -198,18 +200,16 @@ def shin_standing(params: LinkParams, angle: Values, bias: Values, angle_varianc
     return Belief(ShinState(m._replace(down=m.down + a), zero, zero), Covariance.from_variances(variances))
 
 
-def _thigh_initial(params: LinkParams) -> Belief:
-    return thigh_standing(params, 0.0, 0.0, 1e-4)
-
-
-def _shin_initial(params: LinkParams) -> Belief:
-    return shin_standing(params, 0.0, 0.0, 1e-4)
-
-
-THIGH = Model(_thigh_initial, thigh_transition, thigh_transition_noise, thigh_observation, thigh_observation_noise)
+THIGH = Model(
+    partial(thigh_standing, angle=0.0, bias=0.0, angle_variance=1e-4), thigh_transition, thigh_transition_noise,
+    thigh_observation, thigh_observation_noise,
+)  # fmt: skip
 """Nine states, one segment that hangs from a joint: the thigh, or a shank without a thigh sensor."""
 
-SHIN = Model(_shin_initial, shin_transition, shin_transition_noise, shin_observation, shin_observation_noise)
+SHIN = Model(
+    partial(shin_standing, angle=0.0, bias=0.0, angle_variance=1e-4), shin_transition, shin_transition_noise,
+    shin_observation, shin_observation_noise,
+)  # fmt: skip
 """Eleven states: the shank, with angle and rate of the thigh."""
 
 
@@ -242,19 +242,6 @@ def observe(
     return observed, control, ThighObservation(feels, feels, turned, *(valid,) * 4, at_rest, at_rest, unknown)
 
 
-def _below(
-    observed: tuple[ThighObservation, DutyControl, ThighObservation], thigh: SegmentEstimate, dt: Values, valid: Flags
-) -> tuple[ShinObservation, DutyControl, ShinObservation]:
-    """The result of `observe` for a shank, with the thigh's estimate at the same samples."""
-    observation, control, mask = observed
-    # Errors of the thigh's angle persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
-    spread = 1.0 / jnp.maximum(dt, 1e-3)
-    control = control._replace(
-        thigh_angle_variance=thigh.angle_stddev**2 * spread, thigh_rate_variance=thigh.rate_stddev**2
-    )
-    return ShinObservation(observation, thigh.angle, thigh.rate), control, ShinObservation(mask, valid, valid)
-
-
 def standing(
     p: DutyCycledParams, biases: tuple[Values | None, ...], angle_variance: Values
 ) -> tuple[Belief | None, ...]:
@@ -281,8 +268,15 @@ def over(
             posteriors.append(None)
             continue
         thigh, params = every[0] if every else None, link_params(p, lever)
-        observed: PyTree = observe(p, segment, dt, still, valid, accelerometers=accelerometers)
-        observations, controls, mask = observed if thigh is None else _below(observed, thigh, dt, valid)
+        observations: PyTree
+        mask: PyTree
+        observations, controls, mask = observe(p, segment, dt, still, valid, accelerometers=accelerometers)
+        if thigh is not None:
+            # Errors of the thigh's angle persist for about 1 s; equivalent white noise has the variance times 1 s / dt.
+            spread = thigh.angle_stddev**2 / jnp.maximum(dt, 1e-3)
+            controls = controls._replace(thigh_angle_variance=spread, thigh_rate_variance=thigh.rate_stddev**2)
+            observations = ShinObservation(observations, thigh.angle, thigh.rate)
+            mask = ShinObservation(mask, valid, valid)
         posterior = filtering.kalman_filter(
             THIGH if thigh is None else SHIN, params, observations, controls=controls, dt=dt, mask=mask, initial=before,
             method=method,

@@ -68,9 +68,7 @@ def find_rests(
     sensors: Mapping[str, Imu], used: Mapping[str, Masks], time: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(T,) bool, where no leg moves with every gyroscope on, and with at least one on; while all are off, as before.
-
-    Raises:
-        RecordingError: if no leg rests with all gyroscopes on.
+    Raises RecordingError if no leg rests with all gyroscopes on.
     """
     some = np.any([m.usable for m in used.values()], axis=0)
     rate_hz = 1.0 / float(np.median(np.diff(time)))
@@ -99,10 +97,8 @@ def worn_legs_of(
     recording: Recording, used: Mapping[str, Masks], rests: np.ndarray, still: np.ndarray,
     gyro_on: Mapping[str, Values],
 ) -> tuple[dict[str, Imu], WornLegs]:  # fmt: skip
-    """The sensors, without readings of a gyroscope while it was off, and how they are worn.
-
-    Raises:
-        RecordingError: if the person never stands, or does not walk.
+    """The sensors, without readings of a gyroscope while it was off, and how they are worn. Raises RecordingError if
+    the person never stands, or does not walk.
     """
     longest = slice(*max(true_runs(rests), key=lambda run: run[1] - run[0]))
     sensors = {}
@@ -120,26 +116,12 @@ def worn_legs_of(
     return sensors, worn
 
 
-def _signals(imu: Imu, worn: SegmentMounting, there: np.ndarray) -> GapSegment:
-    """Signals of a sensor whose accelerometer's samples arrived where `there` (T,)."""
-    segment = in_segment(imu, worn)
-    gyr = np.where(segment.measured, -segment.gyr[:, 1], 0.0)
-    turn = np.where(segment.measured, segment.gyr[:, 2] - segment.bias[2], 0.0)
-    return GapSegment(gyr, turn, segment.acc, segment.measured, there, -segment.bias[1], segment.variance)
-
-
 def prepare(
     recording: Recording, options: DutyCycledOptions = DEFAULT, gyro_on: Mapping[str, Values] | None = None
 ) -> Prepared[DutyCycledInputs]:
-    """Check a recording and turn it into the inputs of `duty_cycled_gyro.run`.
+    """Check a recording and turn it into the inputs of `duty_cycled_gyro.run`; arguments as of `estimate`.
 
-    Args:
-        recording: with a thigh or shank sensor, standing still at some time with all gyroscopes on.
-        options: which parts of the method are used; its schedule hides samples.
-        gyro_on: placement → (T,) bool, True while its gyroscope was on and awake; default: always on.
-
-    Returns:
-        Prepared inputs; `extra` maps each placement to the masks (T,) of its gyroscope.
+    `extra` maps each placement to the masks (T,) of its gyroscope.
 
     Raises:
         RecordingError: no such sensor, clocks that differ, no standing, no walking, no accelerometer for the filler.
@@ -162,16 +144,20 @@ def prepare(
     rests, still = find_rests(sensors, used, time)
     legs, slept = dict[str, GapLeg](), gyro_on or {}
     awake, worn = worn_legs_of(recording, used, rests, still, slept)
-    there = {name: acc_received(recording.sensors[name], slept.get(name)) for name in names}
+
+    def signals(worn: SegmentMounting | None) -> GapSegment | None:
+        if worn is None:
+            return None
+        segment = in_segment(awake[worn.placement], worn)
+        gyr = np.where(segment.measured, -segment.gyr[:, 1], 0.0)
+        turn = np.where(segment.measured, segment.gyr[:, 2] - segment.bias[2], 0.0)
+        there = acc_received(recording.sensors[worn.placement], slept.get(worn.placement))
+        return GapSegment(gyr, turn, segment.acc, segment.measured, there, -segment.bias[1], segment.variance)
+
     notes = list(worn.notes)
     for side, leg in worn.legs.items():
         mountings = leg.segments
-        legs[side] = GapLeg(
-            *(
-                _signals(awake[mounting.placement], mounting, there[mounting.placement]) if mounting else None
-                for mounting in map(mountings.get, SEGMENTS)
-            )
-        )
+        legs[side] = GapLeg(*map(signals, map(mountings.get, SEGMENTS)))
         if list(mountings) == ["thigh"]:
             notes.append(WORN_ALONE(placement=mountings["thigh"].placement))
     if bare:
