@@ -35,9 +35,8 @@ _RANGES: dict[str, tuple[float, float]] = {
 def check_values(person: Person) -> None:
     """Check the values of a person; whether the legs are long enough depends on the route, see `check_slack`.
 
-    Raises:
-        TypeError: if a field is not a number.
-        ValueError: if a field lies outside its range, or the times of a stride contradict each other.
+    Raises TypeError if a field is not a number, and ValueError if a field lies outside its range, or the times of a
+    stride contradict each other.
     """
     if not (isinstance(person, Person) and isinstance(person.body, Body) and isinstance(person.gait, Gait)):
         raise TypeError(f"a person is Person(body=Body(…), gait=Gait(…)); got {person!r}")
@@ -59,9 +58,8 @@ def check_values(person: Person) -> None:
 def check_sensors(errors: ImuErrors, rate: float, placements: Sequence[str]) -> None:
     """Check the errors, the sampling rate and the placements of sensors.
 
-    Raises:
-        TypeError, ValueError: if the sensors cannot err like that, the rate [Hz] is not positive, or a placement is not
-            on the simulated body.
+    Raises TypeError or ValueError if the sensors cannot err like that, the rate [Hz] is not positive, or a placement is
+    not on the simulated body.
     """
     check_kind(errors, ImuErrors, "errors must be ImuErrors, such as jgait.simulate.sensors.MPU6000")
     check_errors(errors)
@@ -85,10 +83,8 @@ def check_places(places: Mapping[str, Sequence[float]] | None, placements: Seque
 
 
 def check_slack(person: Person, left: Slack, where: str) -> None:
-    """Check that no leg exceeds its limits in a walk; the message describes the route by `where`.
-
-    Raises:
-        ValueError: if an ankle comes too far from below the hip, or a leg is overstretched.
+    """Raise ValueError if an ankle comes too far from below the hip, or a leg is overstretched, on the route of which
+    `where` is the description.
     """
     gait, leg = person.gait, person.body.thigh_length + person.body.shank_length
     if not float(left.aside) < LARGEST_ANKLE_OFFSET:

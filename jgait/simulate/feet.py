@@ -63,16 +63,8 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, early: Value
 
     The heel rises slowly in single support and fast at the contact of the other foot; then the ball of the foot rises
     about the tip of the toes. In swing both pitches return to 0. To each motion what recorded feet do beside that is
-    added, while the foot is free to do it; see `shapes.added`.
-
-    Args:
-        gait: the gait.
-        shape: shapes of the movement.
-        off: (2, T) steps after landing at which the heel begins to rise [1].
-        leave: (2, T) steps after landing at which the toes leave [1].
-        early: (2, T) 1 where the heel is down before the next landing, 0 where it comes down with it.
-        lands: (2, T) the landing, last or next, to which the foot is pitched, in steps since the last landing [1].
-        s: (2, T) steps since the last landing [1].
+    added, while the foot is free to do it; see `shapes.added`. Numbers are (2, T): `off`, `leave` and `early` as in a
+    `Plan`, the landing `lands`, last or next, to which the foot is pitched, and s, in steps since the last landing [1].
     """
     # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg;
     # and the times in which recorded feet move besides.
@@ -114,16 +106,10 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, early: Value
 
 
 def feet(body: Body, gait: Gait, shape: Movement, origin: Foothold, target: Foothold, moves: Flags, s: Jet) -> FootPair:
-    """Both feet.
+    """Both feet, from the foothold `origin` that each took last to its next one, `target`.
 
-    Args:
-        body: lengths of the body.
-        gait: the gait.
-        shape: shapes of the movement.
-        origin: the foothold that each foot took last.
-        target: the foothold that a foot takes next.
-        moves: (2, T) False for the foot that landed last.
-        s: (2, T) steps since the last landing, in [0, 1] for the foot that landed last, in [1, 2] for the other foot.
+    `moves` (2, T) is False for the foot that landed last; s (2, T) are the steps since the last landing, in [0, 1] for
+    that foot, in [1, 2] for the other one.
     """
     lands = jnp.where(moves, 2.0, 0.0).astype(origin.off.dtype)
     share = kept(phases(gait, shape, origin.off, origin.leave, target.early, lands, s))

@@ -125,6 +125,9 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     moving = jnp.stack([jnp.ones_like(k), jnp.zeros_like(k), *[moving] * len(paths)])
     time_curve, walking_curve, x_curve, y_curve, heading_curve, distance_curve = pieces(knots, moving)
     stiff = jnp.maximum(-side * gait.stiff, 0.0)
+    lasting = k < n - 0.5  # footholds from which the foot swings on
+    flatter = jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot) * (1.0 - 0.6 * stiff)
+    lift = gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0) + STEPPED * (1.0 - ahead)
     return Plan(
         x=x,
         y=y,
@@ -134,22 +137,11 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         side=side,
         toe_up=jnp.where(takes, gait.toe_up * lands * whole_foot * jnp.sqrt(speed) * (1.0 - stiff), 0.0),
         early=jnp.where(takes, whole_foot, 0.0),
-        heel_up=jnp.where(
-            k < n - 0.5,
-            gait.heel_up
-            * leaves
-            * rolls
-            * jnp.where(starts, 0.6, 1.0)
-            * (0.5 + 0.5 * whole_foot)
-            * (1.0 - 0.6 * stiff),
-            0.0,
-        ),
+        heel_up=jnp.where(lasting, gait.heel_up * leaves * rolls * flatter, 0.0),
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
         leave=jnp.where(starts | (k > n + 0.5), 1.0 + Instants().heel_rises, 2.0 * gait.stance_fraction - LINGER),
-        lift=jnp.where(
-            k < n - 0.5, gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0) + STEPPED * (1.0 - ahead), 0.0
-        ),
-        out=jnp.where(k < n - 0.5, side * OUTWARDS * stiff, 0.0),
+        lift=jnp.where(lasting, lift, 0.0),
+        out=jnp.where(lasting, side * OUTWARDS * stiff, 0.0),
         stood=(k < 0.5).astype(k.dtype),
         contact=contact,
         time_curve=time_curve,
@@ -166,11 +158,9 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
 
 
 def _pelvis(
-    person: Person,
-    k: Float[Array, "foothold"],
-    feet: tuple[Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"], Float[Array, "foothold"]],
+    person: Person, k: Float[Array, "foothold"], feet: tuple[Float[Array, "foothold"], ...],
     pace: Float[Array, "foothold"],
-) -> tuple[tuple[Float[Array, "foothold"], ...], Float[Array, "foothold"]]:
+) -> tuple[tuple[Float[Array, "foothold"], ...], Float[Array, "foothold"]]:  # fmt: skip
     """Path of the pelvis (x, y, heading, distance) at each contact, a little ahead of both feet; 1 where it moves."""
     gait = person.gait
     x, y, heading, distance = (0.5 * (values + jnp.concatenate([values[:1], values[:-1]])) for values in feet)

@@ -40,29 +40,25 @@ _MANNER = {
 }  # fmt: skip
 """Gait parameters that grow with the stride: power of the stride over the leg, and upper limit."""
 
-_MOST_RECORDED = {
+_MANNER_RECORDED = {name: (TABLES["powers"][name], most) for name, most in {
     "toe_up": 45.0 * DEGREE, "heel_up": 98.0 * DEGREE, "pelvis_surge": 0.05, "pelvis_rise": 0.08, "landing_speed": 0.8,
     "hip_ahead": 0.05,
-}  # fmt: skip
-_MANNER_RECORDED = {name: (TABLES["powers"][name], most) for name, most in _MOST_RECORDED.items()}
+}.items()}  # fmt: skip
 """The same of recorded people, whose limits are chosen."""
 
 PELVIS_SPREAD = {
     "pelvis_rise": 0.13, "pelvis_surge": 0.23, "pelvis_sway": 0.33, "pelvis_rotation": 0.70, "pelvis_drop": 0.56,
     "pelvis_nod": 0.58,
 }  # fmt: skip
-"""[1] Standard deviation between recorded people of the logarithm of each motion of the pelvis, at one stride.
-
-Of the first harmonic of the lower backs of 12 people of `ipol_gait`, after a power of the length of the stride was
-taken off (`experiments.people.shapes`).
-"""
+"""[1] Standard deviation between recorded people of the logarithm of each motion of the pelvis at one stride, of the
+first harmonic of the lower backs of 12 people of `ipol_gait` (`experiments.people.shapes`)."""
 
 PERSISTENCE, PITCH_VARIABILITY = 0.4, 0.04
 """[1] Of recorded people, by the feet of 12 people of `ipol_gait` on straight parts.
 
 The length of a stride correlates by 0.29 with that of the foot's next stride, which a persistence φ of steps gives by
 φ (1 + φ) / 2. The pitch of the foot varies by 3.5 % of its mean at toe-off and by 5.8 % at landing (median absolute
-deviation); without this variability, the same estimator states 0.4 and 4.8 % of simulated feet, which is taken off.
+deviation), of simulated feet without this variability by 0.4 and 4.8 %, which is taken off.
 """
 
 _FREE = ("swing_lift", "landing_speed", "pelvis_sway", "pelvis_rotation", "pelvis_drop", "pelvis_nod", "pelvis_shock",
@@ -74,16 +70,12 @@ def manner(relative_stride: Values, usual: Gait = _USUAL) -> dict[str, Values]:
     """Fields of a gait that grow with the stride over the length of the leg [1]: foot pitch, rise and surge of the
     pelvis; of `RECORDED` also where the hips are at landing, and how fast the foot lands.
 
-    By the rules they are proportional to the stride; the rise is proportional to its square, as in an inverted
-    pendulum. The lower limit is a third of the value at the usual stride, the upper limit is anatomical.
+    By the rules they are proportional to the stride, and the rise to its square, as in an inverted pendulum. The
+    stride counts as a third of the usual one at least.
     """
     share = jnp.maximum(relative_stride / _USUAL_STRIDE, 1.0 / 3.0)
     grows = _MANNER_RECORDED if usual is RECORDED else _MANNER
     return {name: jnp.minimum(getattr(usual, name) * share**power, most) for name, (power, most) in grows.items()}
-
-
-LARGEST = {"speed": 13.0, "stride_length": 6.0, "cadence": 500.0, "stature": 2.8}
-"""Above any person's: a value in another unit is refused."""
 
 
 def gait(
@@ -113,11 +105,12 @@ def gait(
     Source: `WALK_RATIO`, see `population`.
     """
     given = {"speed": speed, "stride_length": stride_length, "cadence": cadence}
-    for name, value in {**given, "stature": stature}.items():
+    # above any person's: a value in another unit is refused
+    for (name, value), most in zip({**given, "stature": stature}.items(), (13.0, 6.0, 500.0, 2.8), strict=True):
         if value is not None:
             check_number(value, f"{name} must be a number")
-            if not 0.0 < value <= LARGEST[name]:
-                raise ValueError(f"{name} must be above 0 and at most {LARGEST[name]:g}; got {value!r}")
+            if not 0.0 < value <= most:
+                raise ValueError(f"{name} must be above 0 and at most {most:g}; got {value!r}")
     known = {name: value for name, value in given.items() if value is not None}
     height = 1.75 if stature is None else stature
     if set(known) == {"speed"} and stature is not None:
@@ -217,8 +210,7 @@ def population(key: PRNGKeyArray, n: int, recorded: bool = True) -> Person:
 
     The first people are the same for any n. Lengths of the body are proportional to stature H, as in `Body`, each with
     a spread of 2 %. Speed is the mean of sex and decade times the root of the relative stature, spread 10 %; step
-    length over cadence is w H, spread 5 %, so the stride grows with H and speed. Pitch of the feet, surge and rise of
-    the pelvis depend on the stride over the leg (`manner`).
+    length over cadence is w H, spread 5 %, so the stride grows with H and speed, and with it `manner`.
 
     Feet, pelvis and sensors move as those of recorded people do (`RECORDED`), each person in a style of its own, with a
     pelvis that moves more or less (`PELVIS_SPREAD`); steps resemble the ones before, and the pitch of the foot varies.
@@ -254,15 +246,10 @@ def person_of(people: Person, i: int) -> Person:
 def covering(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     """The person with a whole number of steps that covers the route exactly, with the least change of stride length.
 
-    Args:
-        key: the key for the later call of `recording` or `walk`; it determines the variability from step to step.
-        person: the person; floats.
-        along: the route.
-
-    Returns:
-        The person with `steps` and `stride_length` set, foot pitch and pelvis adapted. Where a leg would be
-        overstretched (some 2 in 100 of `population` on 20 m, by less than a millimetre), `knee_stance` is raised as
-        much as necessary, up to 4°; if more is needed, it stays unchanged and simulating the walk raises an error.
+    `key` is that of the later call of `recording` or `walk`; it determines the variability from step to step. `steps`
+    and `stride_length` are set, foot pitch and pelvis adapted. Where a leg would be overstretched (some 2 in 100 of
+    `population` on 20 m, by less than a millimetre), `knee_stance` is raised as much as necessary, up to 4°; if more is
+    needed, it stays unchanged and simulating the walk raises an error.
 
     Raises:
         ValueError: if the route is shorter than half a step.
@@ -279,12 +266,7 @@ def covering(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     grown = compiled(_stretched, quick=True)(key, jax.tree.map(float, person), padded(along), capacity=room(steps))
     # The step time of the person does not change.
     stretched = grown.gait._replace(stride_time=person.gait.stride_time)
-    return able(key, jax.tree.map(float, Person(person.body, stretched)), along)
-
-
-def able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
-    """The person with knees bent just enough that no leg is overstretched; see `covering`."""
-    knee, able = person.gait.knee_stance, person
+    person = able = jax.tree.map(float, Person(person.body, stretched))
     for _ in range(4):
         *_, left = limits(key, able, along)
         if left.stretched > 0.0:
@@ -292,7 +274,7 @@ def able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
         # A leg whose knee bends by a small angle k is shorter than a straight one by about k² / 8.
         bent = math.sqrt(able.gait.knee_stance**2 + 8.0 * (SPARE - left.stretched))
         able = Person(person.body, person.gait._replace(knee_stance=bent))
-        if bent > knee + YIELDS:
+        if bent > person.gait.knee_stance + YIELDS:
             break
     return person
 
@@ -325,11 +307,8 @@ def cohort(
     """Simulate one walk of each of `n` people drawn from `population`, with individual steps along a route.
 
     `along` is the route of all people or a list with that of each; None is 20 m straight ahead. `recorded` as of
-    `population`, other arguments as of `recording`. The truth of a minute at 100 Hz takes some 12 MB; for many people,
-    use `walks`, which returns walks one by one.
-
-    Returns:
-        Recording and truth of each person, with the names subject_0001 and so on.
+    `population`, other arguments as of `recording`. Returns recording and truth of each person, with the names
+    subject_0001 and so on. The truth of a minute at 100 Hz takes some 12 MB; `walks` returns walks one by one.
 
     Raises:
         ValueError: if `n` is not positive, or as `walks`.
@@ -338,7 +317,5 @@ def cohort(
     who, how = jax.random.split(key)
     people = population(who, n, recorded)
     keys = [jax.random.fold_in(how, i) for i in range(n)]
-    fit = [
-        covering(walk_key, person_of(people, i), way) for i, (walk_key, way) in enumerate(zip(keys, ways, strict=True))
-    ]
+    fit = [covering(key, person_of(people, i), way) for i, (key, way) in enumerate(zip(keys, ways, strict=True))]
     return list(walks(keys, fit, ways, errors, rate, placements))

@@ -68,13 +68,10 @@ def walks(
     keys: Sequence[PRNGKeyArray], people: Sequence[Person], along: Sequence[Route], errors: ImuErrors = IDEAL,
     rate: float = 100.0, placements: Sequence[str] = SEVEN, *, names: Sequence[str] | None = None,
 ) -> Iterator[tuple[Recording, Truth]]:  # fmt: skip
-    """Simulate a walk of each of several people, one by one, all by one compiled program.
+    """Simulate a walk of each of several people, one by one, all by one compiled program; yields as `recording`.
 
     `keys`, `people` (their fields floats) and `along` have one entry for each person, the key that of `covering`;
     `names` of recording and subject, None for subject_0001 … Other arguments as of `recording`.
-
-    Yields:
-        The recording, and the truth at the same times, in NumPy arrays.
 
     Raises:
         TypeError, ValueError: as `recording`, before anything is simulated; the message names the recording of whom the
@@ -85,7 +82,7 @@ def walks(
     check_sensors(errors, rate, placements)
     for person in people:
         check_values(person)
-    names = [f"subject_{i + 1:04d}" for i in range(len(people))] if names is None else names
+    names = names or [f"subject_{i + 1:04d}" for i in range(len(people))]
     laid = [
         (key, person, *planned_walk(key, person, way, f"on the route of {name}"))
         for key, person, way, name in zip(keys, people, along, names, strict=True)
@@ -103,10 +100,7 @@ def simulated(
     key: PRNGKeyArray, person: Person, laid: Plan, last: float, errors: ImuErrors, rate: float,
     placements: Sequence[str], places: Mapping[str, Sequence[float]] | None = None,
 ) -> tuple[dict[str, Imu], Truth]:  # fmt: skip
-    """One planned walk of `last` seconds, in NumPy arrays.
-
-    The arrays of the program hold more samples and sensors, so that other walks use the same program.
-    """
+    """One planned walk of `last` seconds, in NumPy arrays, by a program that holds more samples and sensors."""
     samples = samples_in(last, rate)
     time = jnp.asarray(np.arange(bucket(samples)) / rate)
     walker, erring = jax.tree.map(float, (person, errors))

@@ -171,10 +171,8 @@ def swings(shape: Movement, waves: Jet) -> Jet:
 def oscillation(swings: Jet, side: Values, shock: Jet) -> Jet:
     """Displacement of the pelvis forward, left and up from its even path [m], its yaw, pitch and roll [rad]: (6, T).
 
-    Args:
-        swings: see `swings`.
-        side: (T,) 1 where the left foot landed last, −1 where the right foot did.
-        shock: (T,) additional motion downwards [m].
+    `side` (T,) is 1 where the left foot landed last, −1 where the right foot did, `shock` (T,) additional motion
+    downwards [m].
     """
     left, yaw, roll = parts(part(swings, 0, slice(0, 3)) * side[None])
     ahead, up, pitch = parts(part(swings, 1, slice(0, 3)))
@@ -184,12 +182,9 @@ def oscillation(swings: Jet, side: Values, shock: Jet) -> Jet:
 def softness(swings: Jet, moves: Flags, free: Jet) -> Jet:
     """How sensors move on thighs, shanks and feet (6, 6, T): the rows of `WORN`, outwards replaced by left.
 
-    The second axis is the right and the left thigh, the right and the left shank, the right and the left foot.
-
-    Args:
-        swings: see `swings`.
-        moves: (2, T) whether a foot is the one that did not land last: its leg is half a stride ahead.
-        free: (2, T) share of its motion that a sensor on a foot has, see `feet.Phases`.
+    The second axis is the right and the left thigh, the right and the left shank, the right and the left foot. The leg
+    of a foot that `moves` (2, T), which did not land last, is half a stride ahead; a sensor on a foot has the share
+    `free` (2, T) of its motion, see `feet.Phases`.
     """
     odd, even = (part(swings, i, slice(3, None), None) for i in (0, 1))
     both = odd * jnp.where(moves, -1.0, 1.0)[None] + even
@@ -212,10 +207,8 @@ what sensors are worn on turns (`experiments.people.mounts`)."""
 def worn(legs: Jet, soft: Jet, down: Values) -> Jet:
     """Frames (4, 3, 6, T) of what sensors are worn on, from those of the bones of thighs, shanks and feet.
 
-    Args:
-        legs: (4, 3, 6, T) frames of right and left thigh, right and left shank, right and left foot.
-        soft: (6, 6, T) see `softness`.
-        down: (1, 6, 1) distance of the point about which each turns from its upper joint [m], see `SENSED`.
+    `soft` is from `softness`; `down` (1, 6, 1) is the distance of the point about which each turns from its upper
+    joint [m], see `SENSED`.
     """
     origin, *bone = parts(legs)
     pitch, ahead, along, roll, yaw, aside = parts(soft)

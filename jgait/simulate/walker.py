@@ -139,18 +139,10 @@ class Slack(NamedTuple):
 
 
 def plan(key: PRNGKeyArray, person: Person, along: Route, capacity: int) -> Plan:
-    """Plan a walk: footholds and pelvis.
+    """Plan a walk, K = capacity + 4: footholds and pelvis.
 
-    The pelvis is as high as both legs allow at every instant, with their knees bent by at least `knee_stance`.
-
-    Args:
-        key: PRNG key of the variability from step to step.
-        person: the person; `steps` must not be more than `capacity`.
-        along: the route of the walk.
-        capacity: largest number of steps that the arrays hold.
-
-    Returns:
-        The plan, K = capacity + 4.
+    The pelvis is as high as both legs allow at every instant, with their knees bent by at least `knee_stance`. `key` is
+    that of the variability from step to step; a person takes at most `capacity` steps.
     """
     return planned(key, person, along, capacity)[0]
 
@@ -186,7 +178,10 @@ def planned(
     # At the border of two steps the pelvis has the lower of the two heights.
     steps = jnp.concatenate([least[:1], least[:1], least, least[-1:]])
     walking = -SHARP * jnp.logaddexp(-steps[:-1] / SHARP, -steps[1:] / SHARP)
-    high = jnp.where(walks, ground + walking, laid.z + body.ankle_height + _standing_leg(person))
+    ahead, aside = standing_ahead(person), 0.5 * (body.hip_width - gait.step_width)
+    upright = reach(body, gait.standing_knee)
+    upright = jnp.sqrt(upright * upright - ahead * ahead - aside * aside)
+    high = jnp.where(walks, ground + walking, laid.z + body.ankle_height + upright)
     moving = walks.astype(high.dtype)
     # Where the curve between two heights is higher than the legs allow, the pelvis dips.
     weight = _dip(Jet(r[None])).value
@@ -220,14 +215,6 @@ def planned(
     return laid, Slack(far, 1.0 / long - 1.0)
 
 
-def _standing_leg(person: Person) -> Values:
-    """Height of the hips over the ankles in standing [m]."""
-    body, gait = person
-    ahead, aside = standing_ahead(person), 0.5 * (body.hip_width - gait.step_width)
-    r = reach(body, gait.standing_knee)
-    return jnp.sqrt(r * r - ahead * ahead - aside * aside)
-
-
 SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
 """[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants; [1]
 instants of a step at which the legs' limits are checked."""
@@ -245,28 +232,23 @@ def _dip(r: Jet) -> Jet:
     return smooth_bump(r, 5)
 
 
-def _bones(person: Person, now: Carried) -> list[Jet]:
-    """Frames (4, 3, …) of the pelvis, of both thighs, shanks and feet."""
-    foot = now.feet.frame
-    thigh, shank = _legs(person.body, now.hips, part(foot, 0), (part(now.turn, None) + now.feet.yaw) * 0.5)
-    return [part(now.pelvis, slice(None), slice(None), None), thigh, shank, foot]
-
-
-def _together(frames: list[Jet]) -> Jet:
-    return Jet(jnp.concatenate([frame.orders for frame in frames], axis=3))
-
-
 def with_skin(person: Person, plan: Plan, entry: Int[Array, "*shape"], r: Jet) -> Jet:
     """The frames of all segments at the share r of a step after the contact of foothold `entry`: (4, 3, 13, *shape).
 
     The first axis is the origin and the axes of a `Frame`, the second their components, the third the segments in the
     order of `Segments`, and after them what sensors are worn on at thighs, shanks and feet, right before left (`SKIN`).
     """
+
+    def together(frames: list[Jet]) -> Jet:
+        return Jet(jnp.concatenate([frame.orders for frame in frames], axis=3))
+
     now, body = carried(person, plan, entry, r), person.body
-    bones = _bones(person, now)
+    foot = now.feet.frame
+    thigh, shank = _legs(body, now.hips, part(foot, 0), (part(now.turn, None) + now.feet.yaw) * 0.5)
+    bones = [part(now.pelvis, slice(None), slice(None), None), thigh, shank, foot]
     down = (SENSED[0] * body.thigh_length, SENSED[1] * body.shank_length, 0.0)
     about = jnp.repeat(jnp.stack([jnp.asarray(length, plan.x.dtype) for length in down]), 2)
-    return _together([*bones, worn(_together(bones[1:]), now.soft, about.reshape((1, 6) + (1,) * entry.ndim))])
+    return together([*bones, worn(together(bones[1:]), now.soft, about.reshape((1, 6) + (1,) * entry.ndim))])
 
 
 SKIN = {name: len(Segments._fields) + i for i, name in enumerate(Segments._fields[1:])}
@@ -284,8 +266,5 @@ def separated(frames: Values) -> Segments[Frame]:
 
 
 def moved(person: Person, plan: Plan, entry: Int[Array, "time"], r: Motion[Float[Array, "time"]]) -> Motion[Frames]:
-    """The body, its rates and its accelerations, exact, from `ticks`, as arrays (4, 3, 13, T); see `with_skin`.
-
-    All depends on time by the share of a step, which is a jet.
-    """
+    """The body, its rates and its accelerations, exact, from `ticks`, as arrays (4, 3, 13, T); see `with_skin`."""
     return Motion(*with_skin(person, plan, entry, Jet(jnp.stack(r))).orders)

@@ -62,11 +62,8 @@ _RANGES = {
 def check_fields(errors: PyTree, ranges: dict[str, tuple[float, float]], unbounded: tuple[str, ...] = ()) -> None:
     """Check that every number of a record, perhaps in arrays, lies within its range.
 
-    Fields that have no range must not be negative; `unbounded` ones may be infinite, and may not be zero.
-
-    Raises:
-        TypeError: if a field is no number.
-        ValueError: if a number is outside its range or not finite; the message names the field.
+    Fields that have no range must not be negative; `unbounded` ones may be infinite, and may not be zero. Raises
+    TypeError if a field is no number, and ValueError, naming the field, if it is outside its range or not finite.
     """
     kind = type(errors).__name__
     for name, value in zip(errors._fields, errors, strict=True):
@@ -114,12 +111,7 @@ def _disturbed(
 ) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:  # fmt: skip
     """What moves a sensor on its segment, zero at rest: the drive of its sway [rad/s²], and its vibration [m/s²].
 
-    Args:
-        white: white noise of variance 1; the first three columns drive the sway.
-        gyr: exact angular rate [rad/s].
-        acc: exact specific force [m/s²].
-        errors: errors of the sensor.
-        dt: sampling interval [s].
+    From `white` noise of variance 1, whose first three columns drive the sway, and the exact motion.
     """
     change = jnp.diff(acc, axis=0, prepend=acc[:1]) * (JOLT_S / dt)
     squares = jnp.stack([jnp.sum(part * part, axis=1) for part in (gyr - gyr[:1], change)], axis=1)
@@ -192,12 +184,9 @@ def _quantise(value: Values, resolution: Values) -> Values:
 
 
 def measure(
-    key: PRNGKeyArray,
-    time: Float[AnyArray, "time"],
-    gyr: Float[AnyArray, "time 3"],
-    acc: Float[AnyArray, "time 3"],
+    key: PRNGKeyArray, time: Float[AnyArray, "time"], gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"],
     errors: ImuErrors,
-) -> Imu:
+) -> Imu:  # fmt: skip
     """Simulate the readings of one sensor for an exact motion.
 
     read = clip(quantise(lowpass((1 + scale) Rᵀ(segment)) + noise + bias + drift)), with sway and jolts before Rᵀ.

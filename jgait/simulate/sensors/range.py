@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Float, PRNGKeyArray
 
 from jgait.notes import record
 from jgait.simulate.sensors.imu import check_fields
@@ -26,13 +26,9 @@ class Ranging(NamedTuple):
 
 
 def measure_range(
-    key: PRNGKeyArray,
-    time: Float[AnyArray, "time"],
-    sender: Float[AnyArray, "time 3"],
-    receiver: Float[AnyArray, "time 3"],
-    sender_axis: Float[AnyArray, "time 3"],
-    ranging: Ranging,
-) -> RangeReadings:
+    key: PRNGKeyArray, time: Float[AnyArray, "time"], sender: Float[AnyArray, "time 3"],
+    receiver: Float[AnyArray, "time 3"], sender_axis: Float[AnyArray, "time 3"], ranging: Ranging,
+) -> RangeReadings:  # fmt: skip
     """Simulate readings of the distance between two feet, where the echo is detected.
 
     A ping is evaluated at the first sample at or after it. It is detected if the receiver lies within `half_angle` of
@@ -61,7 +57,12 @@ def measure_range(
     # the sample has a ping if the count of pings has increased; the small number keeps t = k / rate in its sample
     since = jnp.concatenate([-dt[None], time - time[0]])
     pings = jnp.floor(since * r.rate_hz + 1e-3)
-    in_view = _cosine(way, sender_axis) >= jnp.cos(jnp.asarray(r.half_angle, dtype)) - 1e-6  # π: any direction
+    # the cosine of the angle between both directions, 0 where one has no length
+    squares = square * jnp.sum(sender_axis * sender_axis, axis=1)
+    long = squares > 0.0
+    size = jnp.sqrt(jnp.where(long, squares, jnp.ones_like(squares)))
+    cosine = jnp.where(long, jnp.sum(way * sender_axis, axis=1) / size, 0.0)
+    in_view = cosine >= jnp.cos(jnp.asarray(r.half_angle, dtype)) - 1e-6  # π: any direction
     in_reach = apart & (distance >= r.min_distance) & (distance <= r.max_distance)
 
     draws = jax.random.normal(key, (time.shape[0], 4), dtype)  # with three columns, keys would give other noise
@@ -71,13 +72,6 @@ def measure_range(
     delay = -r.outlier_size * jnp.log(jnp.maximum(size, jnp.finfo(dtype).tiny))
     read = distance + r.noise * draws[:, 0] + jnp.where(late < r.outlier, delay, jnp.zeros_like(delay))
     return RangeReadings(time, jnp.where(mask, read, jnp.zeros_like(read)), mask)
-
-
-def _cosine(a: Float[AnyArray, "time 3"], b: Float[AnyArray, "time 3"]) -> Float[Array, "time"]:
-    """Cosine of the angle between rows (T, 3); 0 where one has no length."""
-    squares = jnp.sum(a * a, axis=1) * jnp.sum(b * b, axis=1)
-    long = squares > 0.0
-    return jnp.where(long, jnp.sum(a * b, axis=1) / jnp.sqrt(jnp.where(long, squares, jnp.ones_like(squares))), 0.0)
 
 
 def nearest_point(
@@ -92,11 +86,8 @@ def nearest_point(
 
 
 def check_ranging(ranging: Ranging) -> None:
-    """Check the settings and errors of a range sensor.
-
-    Raises:
-        TypeError: if a field is no number.
-        ValueError: if a field lies outside its range, or the least distance is above the greatest.
+    """Check the settings and errors of a range sensor; raises as `check_fields`, or ValueError if the least distance is
+    above the greatest.
     """
     check_fields(ranging, {"outlier": (0.0, 1.0), "half_angle": (0.0, math.pi + 1e-6)}, ("rate_hz", "max_distance"))
     if not ranging.min_distance < ranging.max_distance:
