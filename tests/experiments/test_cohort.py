@@ -1,6 +1,5 @@
 """The experiment on the cohort measures what it says: walks come back from disk, and comparing finds a change."""
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +7,6 @@ import pandas as pd
 import pytest
 
 from experiments.cohort import report, same, walks
-from experiments.cohort import timed as experiment
-from experiments.common import process
 from jgait import evaluate
 from jgait.estimators import leg_ekf
 from jgait.simulate import FOUR
@@ -90,17 +87,3 @@ def test_the_comparison_finds_every_change(tables):
             difference(changed(table, row, column, value), tables)
     with pytest.raises(ValueError, match="strides differ"):
         difference(tables._replace(strides=tables.strides.iloc[1:]), tables)
-
-
-def test_processes_start_without_this_one_s_settings(monkeypatch, tmp_path):
-    monkeypatch.setenv("JAX_ENABLE_X64", "1")
-    monkeypatch.setenv("XLA_FLAGS", "--nothing")
-    bare, shared = process.environment(), process.environment(tmp_path)
-    assert not {"JAX_ENABLE_X64", "XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR"} & set(bare)
-    assert shared["JAX_COMPILATION_CACHE_DIR"] == str(tmp_path)
-    assert bare["PYTHONPATH"].split(os.pathsep)[0] == str(ROOT)
-
-
-def test_no_walks_without_room_for_them(tmp_path):
-    with pytest.raises(RuntimeError, match=r"walks need .* GB are free"):
-        experiment.simulated(tmp_path / "walks", 10**9, (60.0, 62.0), tmp_path)

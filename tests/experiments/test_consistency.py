@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from experiments.common import consistency
 
@@ -78,15 +77,3 @@ def test_a_filter_whose_gain_is_wrong_leaves_colour(process, seen):
     assert np.mean([consistency.whiteness(run).consistent for run in white]) < 0.1
     first = np.mean([consistency.whiteness(run).autocorrelation[0] for run in white])
     assert (first > 0.0) == (process < seen)  # a filter too slow to follow errs the same way twice
-
-
-def test_whiteness_without_gaps_is_the_textbook_s():
-    values = np.random.default_rng(0).normal(size=60)
-    result = consistency.whiteness(values)
-    r = np.array([values[k:] @ values[:-k] / (values @ values) for k in range(1, 21)])
-    n, k = 60, np.arange(1, 21)
-    assert result.statistic == pytest.approx(n * (n + 2) * np.sum(r**2 / (n - k)))
-    assert result.p_value == pytest.approx(stats.chi2.sf(result.statistic, 20))
-    np.testing.assert_allclose(result.autocorrelation[:, 0], r * n / (n - k))
-    np.testing.assert_allclose(result.band[:, 0], stats.norm.ppf(0.975) / np.sqrt(n - k))
-    assert result.share_inside == np.mean(np.abs(result.autocorrelation) <= result.band)

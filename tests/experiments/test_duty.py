@@ -1,13 +1,10 @@
 """What the experiment of the sleeping gyroscope says: the energy column, its schedules, and errors by hand."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, schedule, walk
 
-from experiments.common.row import Row
-from experiments.udaya2010 import figures, legs, tradeoff
+from experiments.udaya2010 import legs
 from experiments.udaya2010 import table2 as table
 from experiments.udaya2010.ridge import RIDGE, ridge
 from jgait.duty_cycle.fillers.registry import fillers
@@ -74,33 +71,6 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data):
     told = table.relative_errors(fillers()["neighbours"], cases, least_strides=1.0, thigh=False)
     # Measured .05 and .08; the paper has .267 and .302.
     assert told[0] < 0.10 and told[1] < 0.17
-
-
-def test_figures_show_what_the_rows_say(monkeypatch, tmp_path):
-    told = {"tripod_hold_duty50": 0.9, "tripod_hold_duty10": 1.1, "tripod_neighbours_duty50": 0.05}
-    told |= {"triggered_tripod_energy_policy_pct": 40.0}
-    point = SimpleNamespace(saving=0.7, error=0.06)
-    shown = {}
-    monkeypatch.setattr(figures.plot, "save", lambda figure, path: shown.setdefault(path.stem, figure))
-    rows = [Row(name, value, "ratio") for name, value in told.items()]
-    fronts = {"tripod": tradeoff.Front([point], [(0.4, 0.08), (0.8, 0.1)])}
-    monkeypatch.setattr(figures, "tradeoff", lambda quick: ([], fronts))
-    figures.draw(rows, tmp_path, quick=True)
-    lines = {line.get_label().split("\n")[0]: line for line in shown["duty_pareto"].axes[0].get_lines()}
-    assert list(lines) == [
-        "paper (Table 2)",
-        "hold",
-        "neighbours",
-        "fixed schedules",
-        "found by gradient",
-        "woken by doubt",
-    ]
-    np.testing.assert_allclose(lines["hold"].get_xydata(), [[42.86, 0.9], [88.57, 1.1]])
-    np.testing.assert_allclose(lines["found by gradient"].get_xydata(), [[70.0, 0.06]])
-    np.testing.assert_allclose(lines["woken by doubt"].get_xydata(), [[60.0, 0.05]])
-    duty = {line.get_label(): line for line in shown["duty_error"].axes[0].get_lines()}
-    np.testing.assert_allclose(duty["hold"].get_xydata(), [[10.0, 1.1], [50.0, 0.9]])
-    assert len(duty["paper (Table 2)"].get_xydata()) == 9
 
 
 def test_ridge_is_the_batch_solution_of_what_was_measured():

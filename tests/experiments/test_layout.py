@@ -1,7 +1,5 @@
 """What the experiment on the shape of the code counts, on code that breaks its rules and on code that keeps them."""
 
-import sys
-
 import jax
 import jax.numpy as jnp
 import pytest
@@ -77,22 +75,3 @@ def test_a_loop_and_a_primitive_that_is_not_of_jax_are_found_wherever_they_are()
     assert layout.missing(loop) == ["a primitive ours", "no scan"]
     scanned = jax.make_jaxpr(lambda x: lax.scan(lambda c, v: (inner(c + v), c), x, jnp.ones(3)))(1.0)
     assert layout.missing(scanned) == ["a primitive ours"]
-
-
-def test_files_and_frames_count_only_inside_the_folder(tmp_path):
-    home = tmp_path / "home"
-    home.mkdir()
-    (home / "outer.py").write_text("def begin(call): return [call(), call()]\n")
-    (home / "inner.py").write_text(
-        "def end(): return 1\ndef middle(deep): return middle(deep - 1) if deep else end()\n"
-    )
-    (home / "unused.py").write_text("def never(): return begin\n")
-    spaces = {}
-    for path in home.iterdir():
-        spaces[path.stem] = {}
-        exec(compile(path.read_text(), str(path), "exec"), spaces[path.stem])
-    outer, inner = spaces["outer"], spaces["inner"]
-    depths = iter((3, 1))
-    found = layout.entered(lambda: outer["begin"](lambda: inner["middle"](next(depths))), inner["end"].__code__, home)
-    assert found == (2, 1 + 4 + 1)
-    assert sys.monitoring.get_tool(sys.monitoring.PROFILER_ID) is None

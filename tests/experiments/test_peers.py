@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -82,33 +81,6 @@ def test_every_peer_states_which_python_it_needs_and_is_pinned():
         pins = [line for line in rest if not line.startswith("#")]
         assert any(line.startswith(f"{file.stem}==") for line in pins)
         assert all(line.count("==") == 1 for line in pins)
-
-
-@pytest.mark.parametrize("version, fits", [("3.11.9", False), ("3.12.4", True), ("3.13.0", False)])
-def test_a_peer_gets_the_python_of_its_series(tmp_path, version, fits):
-    if os.name != "posix":
-        pytest.skip("the set-up is a shell script")
-    for name in (".ci/setup", "experiments/common/peers/gaitmap.txt"):
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / name, tmp_path / name)
-    python = tmp_path / "bin" / "python3"
-    python.parent.mkdir()
-    series = version.rpartition(".")[0]
-    # It says what it is, and can make no environment.
-    lines = ["#!/bin/sh", 'case "$2" in', f"*print*) echo {version} ;;", f"*\"!= '{series}'\"*) exit 0 ;;"]
-    python.write_text("\n".join([*lines, "*) exit 1 ;;", "esac", ""]))
-    python.chmod(0o755)
-    for tool in ("dirname", "mkdir", "rm"):
-        (tmp_path / "bin" / tool).symlink_to(shutil.which(tool))
-    command = [shutil.which("sh"), str(tmp_path / ".ci" / "setup"), "peer", "gaitmap"]
-    done = subprocess.run(command, env={"PATH": str(tmp_path / "bin")}, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    if fits:
-        assert done.stdout == f"Making .venv-gaitmap with {python} ({version})\n"
-    else:
-        assert done.stderr.startswith(f"gaitmap needs Python 3.12; found: python3 ({version}).\n")
-        assert "make peers PYTHON=" in done.stderr
-        assert not (tmp_path / ".venv-gaitmap").exists()
 
 
 # --- gaitmap ---

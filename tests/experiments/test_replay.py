@@ -123,9 +123,6 @@ def test_signals_are_those_of_the_motion_in_closed_form(walked):
     assert acc < 1e-3
 
 
-# --- what says where a body faces ---
-
-
 # --- gaps ---
 
 
