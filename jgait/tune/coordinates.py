@@ -35,17 +35,14 @@ def coordinates(params: PyTree, transforms: PyTree) -> Coordinates:
         raise ValueError("parameters per subject: give the parameters and the items of one subject, and fix the shared")
     tree = start(params, transforms)
     leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
-    by_path = {
-        jax.tree_util.keystr(path): transform
-        for path, transform in jax.tree_util.tree_flatten_with_path(transforms, is_leaf=is_transform)[0]
-    }
+    by_path = dict(jax.tree_util.tree_flatten_with_path(transforms, is_leaf=is_transform)[0])
     names: list[str] = []
     each: list[Transform] = []
     for path, leaf in leaves:
-        key = jax.tree_util.keystr(path)
         for index in np.ndindex(leaf.shape):
-            names.append(key.lstrip(".") + (f"[{', '.join(map(str, index))}]" if index else ""))
-            each.append(by_path[key])
+            place = f"[{', '.join(map(str, index))}]" if index else ""
+            names.append(jax.tree_util.keystr(path).lstrip(".") + place)
+            each.append(by_path[path])
     return Coordinates(tuple(names), tuple(each), tree, ravel_pytree(tree)[0])
 
 
@@ -59,13 +56,8 @@ def natural(at: Coordinates, vectors: Float[AnyArray, "*point free"], transforms
 
 def natural_numbers(at: Coordinates, vector: Float[AnyArray, "free"]) -> tuple[np.ndarray, np.ndarray]:
     """Natural values (p,) of free numbers (p,), which may be infinite, and the slopes (p,) of the transforms there."""
-    values = np.empty(len(at.names))
-    slopes = np.empty(len(at.names))
-    vector = jnp.asarray(vector, at.vector.dtype)
-    for transform in dict.fromkeys(at.transforms):
-        to_natural = transform.to_natural
-        assert to_natural is not None
-        assigned = np.array([other == transform for other in at.transforms])
-        part = vector[np.flatnonzero(assigned)]
-        values[assigned], slopes[assigned] = jax.jvp(to_natural, (part,), (jnp.ones_like(part),))
+    values, slopes = np.empty((2, len(at.names)))
+    for k, (transform, value) in enumerate(zip(at.transforms, jnp.asarray(vector, at.vector.dtype), strict=True)):
+        assert transform.to_natural is not None
+        values[k], slopes[k] = jax.jvp(transform.to_natural, (value,), (jnp.ones_like(value),))
     return values, slopes

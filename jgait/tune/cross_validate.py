@@ -93,28 +93,14 @@ def _folds(
 
 
 def cross_validate[P](
-    loss: Callable[[P, PyTree], PyTree],
-    params: P,
-    transforms: P,
-    data: PyTree,
-    optimizer: optax.GradientTransformation | optax.MultiSteps | None = None,
-    *,
-    subjects: Sequence[Hashable],
-    folds: int | Sequence[Hashable] | None = None,
-    error: Callable[[P, PyTree], PyTree] | None = None,
-    steps: int = 100,
-    priors: P | None = None,
-    starts: int = 1,
-    spread: float = 0.5,
-    minibatch: int | None = None,
-    key: PRNGKeyArray | None = None,
-    checkpoint_file: str | Path | None = None,
-    mesh: Mesh | None = None,
-    progress: Report | None = None,
-    chunk: int | None = None,
-    part: tuple[int, int] | None = None,
+    loss: Callable[[P, PyTree], PyTree], params: P, transforms: P, data: PyTree,
+    optimizer: optax.GradientTransformation | optax.MultiSteps | None = None, *, subjects: Sequence[Hashable],
+    folds: int | Sequence[Hashable] | None = None, error: Callable[[P, PyTree], PyTree] | None = None,
+    steps: int = 100, priors: P | None = None, starts: int = 1, spread: float = 0.5, minibatch: int | None = None,
+    key: PRNGKeyArray | None = None, checkpoint_file: str | Path | None = None, mesh: Mesh | None = None,
+    progress: Report | None = None, chunk: int | None = None, part: tuple[int, int] | None = None,
     client: "Client | None" = None,
-) -> CrossValidation[P] | None:
+) -> CrossValidation[P] | None:  # fmt: skip
     """For every fold, fit on the other folds' subjects and compute the error on the fold's subjects, in one program;
     the fit to all items is made beside.
 

@@ -176,28 +176,13 @@ def _split(validation: AnyArray | None, n: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def fit[P](
-    loss: Callable[[P, PyTree], PyTree],
-    params: P,
-    transforms: P,
-    data: PyTree,
-    optimizer: optax.GradientTransformation | optax.MultiSteps | None = None,
-    *,
-    steps: int = 100,
-    batched: bool = True,
-    subjects: Sequence[Hashable] | None = None,
-    priors: P | None = None,
-    starts: int = 1,
-    spread: float = 0.5,
-    minibatch: int | None = None,
-    validation: PyTree = None,
-    every: int | None = None,
-    patience: int | None = None,
-    key: PRNGKeyArray | None = None,
-    checkpoint_file: str | Path | None = None,
-    mesh: Mesh | None = None,
-    progress: Report | None = None,
-    chunk: int | None = None,
-) -> Fit[P]:
+    loss: Callable[[P, PyTree], PyTree], params: P, transforms: P, data: PyTree,
+    optimizer: optax.GradientTransformation | optax.MultiSteps | None = None, *, steps: int = 100,
+    batched: bool = True, subjects: Sequence[Hashable] | None = None, priors: P | None = None, starts: int = 1,
+    spread: float = 0.5, minibatch: int | None = None, validation: PyTree = None, every: int | None = None,
+    patience: int | None = None, key: PRNGKeyArray | None = None, checkpoint_file: str | Path | None = None,
+    mesh: Mesh | None = None, progress: Report | None = None, chunk: int | None = None,
+) -> Fit[P]:  # fmt: skip
     """Minimise the mean loss over the items of `data`.
 
     Without an optimizer, L-BFGS in the free coordinates (see `jgait.params`): a step that does not lower the loss is

@@ -191,13 +191,10 @@ def _alike(lessons: list[Lesson]) -> Iterator[Lesson]:
 
 
 def lessons(
-    estimator: Estimator[PyTree, PyTree],
-    walks: Iterable[Walk],
-    *,
+    estimator: Estimator[PyTree, PyTree], walks: Iterable[Walk], *,
     body: Callable[[Walk], dict[str, PyTree]] | None = None,
-    windows: Callable[[Walk, Prepared[PyTree]], Windows] | None = None,
-    reference: bool = True,
-) -> Lessons:
+    windows: Callable[[Walk, Prepared[PyTree]], Windows] | None = None, reference: bool = True,
+) -> Lessons:  # fmt: skip
     """Prepare walks for a fit; a walk that cannot be used is a failure and does not stop the others.
 
     A walk that cannot be stacked with most of the walks (another leg, no accelerometer, a reference without angles, a
