@@ -12,9 +12,13 @@ What depends on tracing is traced. `scan_in_jaxpr` is 1 if the filter, the smoot
 batch contain `scan`, with the model of each estimator, and all of their primitives are JAX's. `frames_to_transition`
 and `files_entered_one_shoe` are of the first call of `foot_ins.estimate` in a process, with one shoe. Frames count from
 `estimate` to the model's `transition`, both included; a file is entered if one of its functions runs.
+`files_entered_seven_sensors` and `functions_entered_seven_sensors` are of `jgait estimate` on a simulated walk, in a
+new process that finds its compiled programs kept. `constants_with_provenance_pct` is the share of the constants with a
+text below them.
 """
 
 import ast
+import contextlib
 import importlib
 import inspect
 import io
@@ -22,7 +26,9 @@ import itertools
 import json
 import re
 import statistics
+import subprocess
 import sys
+import tempfile
 import tokenize
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -33,7 +39,7 @@ import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, Jaxpr, Primitive
 
-from experiments.common.process import answers, started
+from experiments.common.process import answers, environment, started
 from experiments.common.row import Row, show
 from jgait import filtering
 
@@ -298,17 +304,18 @@ def missing(jaxpr: ClosedJaxpr) -> list[str]:
     return [*sorted(found), *([] if any(one.name == "scan" for one in every) else ["no scan"])]
 
 
-def entered(call: Callable[[], Any], inner: CodeType, home: Path) -> tuple[int, int]:
-    """Files of a folder in which a function starts during a call, and the most frames of them at the start of `inner`.
+def entered(call: Callable[[], Any], inner: CodeType | None, home: Path) -> tuple[int, int, int]:
+    """Files of a folder in which a function starts during a call, the most frames of them at the start of `inner`, and
+    such functions.
 
     The frame of `inner` counts too; bodies of modules do not count.
     """
-    watch, files, deepest, inside = sys.monitoring, set(), 0, f"{home}/"
+    watch, functions, deepest, inside = sys.monitoring, set(), 0, f"{home}/"
 
     def start(code: CodeType, _: int) -> Any:
         nonlocal deepest
-        if code.co_filename.startswith(inside) and code.co_name != "<module>":
-            files.add(code.co_filename)
+        if code.co_filename.startswith(inside) and not code.co_name.startswith("<"):
+            functions.add((code.co_filename, code.co_qualname))
         if code is not inner:
             return watch.DISABLE
         frame: FrameType | None = sys._getframe(1)
@@ -328,10 +335,10 @@ def entered(call: Callable[[], Any], inner: CodeType, home: Path) -> tuple[int, 
     finally:
         watch.set_events(watch.PROFILER_ID, 0)
         watch.free_tool_id(watch.PROFILER_ID)
-    return len(files), deepest
+    return len({file for file, _ in functions}), deepest, len(functions)
 
 
-def one_shoe() -> tuple[int, int]:
+def one_shoe() -> tuple[int, int, int]:
     """Files entered by `foot_ins.estimate`, and frames to its `transition`; in a process that did not call it yet."""
     from made.foot import foot
 
@@ -343,11 +350,38 @@ def one_shoe() -> tuple[int, int]:
     return entered(lambda: foot_ins.estimate(foot_ins.FootParams(), recording), transition, ROOT / "jgait")
 
 
+def seven_sensors(*words: str) -> tuple[int, int, int]:
+    """Files and functions entered by a command, as `entered`."""
+    from jgait import cli
+
+    def called() -> None:
+        with contextlib.redirect_stdout(sys.stderr), contextlib.suppress(SystemExit):
+            cli.main()
+
+    sys.argv[:] = ["jgait", *words]
+    return entered(called, None, ROOT / "jgait")
+
+
+def of_seven_sensors() -> tuple[int, int, int]:
+    """`seven_sensors` of the second of two processes that estimate a simulated walk, with a cache of their own."""
+    with tempfile.TemporaryDirectory() as name:
+        home = Path(name)
+        for words in (
+            ("simulate", "--out", home),
+            *2 * [("estimate", home / "subject_0001.csv", "--out", home / "out")],
+        ):
+            run = subprocess.run(
+                [sys.executable, "-m", "experiments.layout", *map(str, words)], capture_output=True, text=True,
+                check=True, cwd=ROOT, env=environment() | {"XDG_CACHE_HOME": name},
+            )  # fmt: skip
+    return tuple(json.loads(run.stdout.splitlines()[-1]))
+
+
 # --- together ---
 
 
 def rows(quick: bool) -> list[Row]:
-    """Count; nothing is left out with `quick`."""
+    """Count; with `quick`, what takes a command is left out."""
     shoe = started("experiments.layout", [])
     of = {path: lines(path) for path in layering.modules(ROOT).values()}
     edges = layering.imports(ROOT)
@@ -367,7 +401,8 @@ def rows(quick: bool) -> list[Row]:
     broken += [["not a scan of JAX's primitives", f"{name}: {why}"] for name, why in sorted(unlike)]
     if broken:
         show("what breaks the rules", ["rule", "where"], broken)
-    files, frames = answers(shoe)[0]
+    files, frames, _ = answers(shoe)[0]
+    known = constants()
     interpreter = [path for path in files_in("estimators") if path.stem in INTERPRETER]
     counted = [
         ("top_names", len(top), "names"),
@@ -392,7 +427,8 @@ def rows(quick: bool) -> list[Row]:
         ("loose_annotations_filtering_pct", 100.0 * loose / annotated, "%"),
         ("source_runs", source_runs(), "runs"),
         ("note_kinds", note_kinds(), "kinds"),
-        ("constants", len(constants()), "constants"),
+        ("constants", len(known), "constants"),
+        ("constants_with_provenance_pct", 100.0 * sum(stated for _, stated in known) / len(known), "%"),
         ("estimation_lines", sum(map(lines, itertools.chain.from_iterable(map(files_in, ESTIMATION)))), "lines"),
         *((f"places_{kind}", number, "places") for kind, number in places().items()),
     ]
@@ -401,9 +437,15 @@ def rows(quick: bool) -> list[Row]:
         ("frames_to_transition", frames, "frames"),
         ("files_entered_one_shoe", files, "files"),
     ]
+    if not quick:
+        files, _, functions = of_seven_sensors()
+        traced += [
+            ("files_entered_seven_sensors", files, "files"),
+            ("functions_entered_seven_sensors", functions, "functions"),
+        ]
     found = [Row(metric, float(value), unit, n=len(of), split="the source") for metric, value, unit in counted]
     return found + [Row(metric, float(value), unit, split="traced") for metric, value, unit in traced]
 
 
 if __name__ == "__main__":
-    print(json.dumps(one_shoe()))
+    print(json.dumps(seven_sensors(*sys.argv[1:]) if sys.argv[1:] else one_shoe()))
