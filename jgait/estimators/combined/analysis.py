@@ -29,7 +29,7 @@ from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
 from jgait.estimators.walking import inside, walking_alone
 from jgait.notes import Kind, Note, gravest_first, without_repeats
-from jgait.quality import SensorQuality, above, length_share, merged, opposite, with_share
+from jgait.quality import above, length_share, merged, opposite, with_share
 from jgait.quality import notes as writer
 from jgait.types import SIDES, AnyArray, Estimate, Flags, Legs, Recording, RecordingError, as_float, check_recording
 
@@ -137,7 +137,11 @@ def analyse(
     estimates, notes = sources(usable, body, through)
     estimates, share, turned = with_time_wrong(estimates, recording.quality)
     quality = findings.explained(recording.quality)
-    sides, steps, late_pairs = _pairs(quality)
+    # pairs of sensors of which either may be wrong: of both legs that turn otherwise, or step otherwise, as in a limp,
+    # and of one leg whose clocks differ, so that the times of strides are wrong, and lengths hold
+    sides = [frozenset((name, opposite(name))) for name, facts in quality.items() if facts.faster != 1.0]
+    steps = [frozenset((name, opposite(name))) for name, facts in quality.items() if facts.step_share != 0.5]
+    late_pairs = [frozenset((name, above(name))) for name, facts in quality.items() if facts.late]
     axes = findings.doubtful | {name for name, facts in quality.items() if facts.wrong}
     wrong = axes.union(*(pair for pair in sides if not alike(estimates, pair)))  # a stiff leg turns less
     estimates, unlike = with_sides_unlike(estimates, wrong)
@@ -180,19 +184,6 @@ def analyse(
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, **facts})
     rows = comparisons(estimates, strides, ways, total)
     return Analysis(estimate, tuple(estimates), strides, tuple(rows), order, body)
-
-
-type _Pair = frozenset[str]
-"""Placements of two sensors that contradict each other; either may be wrong."""
-
-
-def _pairs(quality: Mapping[str, SensorQuality]) -> tuple[list[_Pair], list[_Pair], list[_Pair]]:
-    """Pairs of sensors of both legs that turn otherwise; pairs that step otherwise, as in a limp; and pairs of one leg
-    whose clocks differ, so that the times of strides are wrong, and lengths hold.
-    """
-    sides = [frozenset((name, opposite(name))) for name, facts in quality.items() if facts.faster != 1.0]
-    steps = [frozenset((name, opposite(name))) for name, facts in quality.items() if facts.step_share != 0.5]
-    return sides, steps, [frozenset((name, above(name))) for name, facts in quality.items() if facts.late]
 
 
 def _angles(
