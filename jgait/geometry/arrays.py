@@ -80,9 +80,8 @@ def put(values: PyTree, at: PyTree, new: PyTree, how: str = "set") -> PyTree:
     """
     if of_jax(values, at, new):
         return getattr(jnp.asarray(values).at[at], how)(new, mode="drop")
-    inside = np.asarray(at) < len(values)
-    result, rows = np.array(values), np.asarray(at)[inside]
-    new = np.broadcast_to(new, (len(inside), *result.shape[1:]))[inside]
+    inside, result = np.asarray(at) < len(values), np.array(values)
+    rows, new = np.asarray(at)[inside], np.broadcast_to(new, (len(inside), *result.shape[1:]))[inside]
     if how == "set":
         result[rows] = new
     else:
@@ -160,16 +159,9 @@ def processor() -> str:
 
 
 def compiled[**P, R](function: Callable[P, R], *, static_argnames: tuple[str, ...] = ()) -> Callable[P, R]:
-    """`jax.jit` of a function, compiled with `compiler_options`.
+    """`jax.jit` of a function, typically `jax.vmap` of a filter over recordings, compiled with `compiler_options`.
 
     Compiler options apply to the outermost `jit` only: inside another `jit`, this is a plain `jax.jit`.
-
-    Args:
-        function: function to compile, typically `jax.vmap` of a filter over recordings.
-        static_argnames: as in `jax.jit`.
-
-    Returns:
-        The compiled function; `.lower` as in `jax.jit`.
     """
     plain = jax.jit(function, static_argnames=static_argnames)
 

@@ -28,7 +28,8 @@ class Jet(NamedTuple):
         """The sum."""
         if isinstance(other, Jet):
             return Jet(self.orders + other.orders)
-        return self._with_value(self.orders[:1] + _raised(other))
+        value, rates = self.orders[:1] + _raised(other), self.orders[1:]
+        return Jet(jnp.concatenate([value, jnp.broadcast_to(rates, (len(rates), *value.shape[1:]))]))
 
     def __mul__(self, other: PyTree) -> "Jet":
         """The product: (a b)″ = a″ b + 2 a′ b′ + a b″."""
@@ -55,9 +56,7 @@ class Jet(NamedTuple):
 
     def __sub__(self, other: PyTree) -> "Jet":
         """The difference."""
-        if isinstance(other, Jet):
-            return Jet(self.orders - other.orders)
-        return self._with_value(self.orders[:1] - _raised(other))
+        return self + -other
 
     def __rsub__(self, other: PyTree) -> "Jet":
         """The difference from a constant."""
@@ -66,10 +65,6 @@ class Jet(NamedTuple):
     def __truediv__(self, constant: PyTree) -> "Jet":
         """The quotient by a constant."""
         return Jet(self.orders / _raised(constant))
-
-    def _with_value(self, value: PyTree) -> "Jet":
-        rates = self.orders[1:]
-        return Jet(jnp.concatenate([value, jnp.broadcast_to(rates, (len(rates), *value.shape[1:]))]))
 
 
 def _raised(constant: PyTree) -> PyTree:

@@ -52,5 +52,4 @@ def aligned_error(
     # The root's argument is above 0, so that paths without extent have a finite gradient.
     size = xp.sqrt(along * along + across * across + np.finfo(a.dtype).tiny ** 0.5)
     c, s = along / size, across / size
-    turned = xp.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1], a[:, 2]], axis=1)
-    return turned - b
+    return xp.stack([c * a[:, 0] - s * a[:, 1], s * a[:, 0] + c * a[:, 1], a[:, 2]], axis=1) - b

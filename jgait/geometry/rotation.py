@@ -9,16 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from jgait.geometry.arrays import xp
-from jgait.geometry.vectors import Vector, as_array, cross, dot, horner, kept, scale, subtract
+from jgait.geometry.vectors import Vector, as_array, cross, dot, kept, scale, subtract
 from jgait.geometry.vectors import vector as split
 from jgait.types import AnyArray, Scalar, Values
 
 
 def rotation(vector: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Rotation matrix of a rotation vector, R = I + (sin θ / θ) [v]ₓ + ((1 − cos θ) / θ²) [v]ₓ², smooth at zero.
-
-    Args:
-        vector: axis times angle [rad].
+    """Rotation matrix of a rotation vector [rad], R = I + (sin θ / θ) [v]ₓ + ((1 − cos θ) / θ²) [v]ₓ², smooth at zero.
 
     Source: Rodrigues' formula.
     """
@@ -85,7 +82,7 @@ def rotated(q: Quaternion, v: Vector) -> Vector:
 
 
 def rows(q: Quaternion) -> tuple[Vector, Vector, Vector]:
-    """The rows of the rotation matrix, for `vectors.dots`: fewer operations than `rotated` for many vectors."""
+    """The rows of the rotation matrix: fewer operations than `rotated` for many vectors."""
     x, y, z = scale(2.0, Vector(q.x, q.y, q.z))
     xx, xy, xz, yy, yz, zz = x * q.x, x * q.y, x * q.z, y * q.y, y * q.z, z * q.z
     wx, wy, wz = q.w * x, q.w * y, q.w * z
@@ -96,24 +93,12 @@ def rows(q: Quaternion) -> tuple[Vector, Vector, Vector]:
     )
 
 
-_SINE = (1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5040.0, 1.0 / 362880.0, -1.0 / 39916800.0, 1.0 / 6227020800.0)
-_COSINE = (1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40320.0, -1.0 / 3628800.0, 1.0 / 479001600.0)
-
-
-def exponential(v: Vector) -> Quaternion:
+def small_turn(v: Vector) -> Quaternion:
     """The quaternion of a rotation vector, (cos |v|/2, v/|v| sin |v|/2), by power series of |v|²/4.
 
-    The series has no branches and is smooth at zero. It is for the rotation within one sample: the error is 1e-13 up
-    to 1 rad and 1e-7 up to π; the result is normalised.
+    The series has no branches and is smooth at zero. It is for the rotation within one sample: the error is 1e-10 up to
+    half a radian, 1e-8 up to 1 rad and 3e-6 up to 2 rad. The caller normalises the result.
     """
-    square = 0.25 * (v.x * v.x + v.y * v.y + v.z * v.z)
-    sine, cosine = (horner(terms, square) for terms in (_SINE, _COSINE))
-    half = 0.5 * sine
-    return normalised(Quaternion(cosine, half * v.x, half * v.y, half * v.z))
-
-
-def small_turn(v: Vector) -> Quaternion:
-    """`exponential` by fewer terms, to 1e-10 up to half a radian and 1e-8 up to 1 rad; the caller normalises it."""
     a = kept(0.25 * (v.x * v.x + v.y * v.y + v.z * v.z))
     half = 0.5 + a * (-1.0 / 12.0 + a * (1.0 / 240.0 - a * (1.0 / 10080.0)))
     w = 1.0 + a * (-1.0 / 2.0 + a * (1.0 / 24.0 + a * (-1.0 / 720.0 + a * (1.0 / 40320.0))))
@@ -185,12 +170,8 @@ def integrated(
 ) -> tuple[Quaternion, np.ndarray]:
     """Attitude at each sample (T,), and the integral of the specific force since the first (T, 3) [m/s]; on the host.
 
-    Both are in the axes of the first sample, without a correction: only differences over some seconds are of use.
-
-    Args:
-        gyr: (T, 3) angular rate without bias [rad/s].
-        acc: (T, 3) specific force [m/s²].
-        sampling_rate_hz: rate of the samples [Hz].
+    From angular rates without bias [rad/s] and specific forces [m/s²], in the axes of the first sample, without a
+    correction: only differences over some seconds are of use.
     """
     mean = 0.5 * (gyr + np.concatenate([gyr[:1], gyr[:-1]])) / sampling_rate_hz
     attitude, shift = small_turn(split(mean)), 1

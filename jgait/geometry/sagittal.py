@@ -4,21 +4,19 @@ import numpy as np
 
 from jgait.types import LegTrajectory
 
-HEADING_CUTOFF_HZ = 1.0
-"""[Hz] Cut-off of the low-pass filter of the heading: the pelvis also turns about the vertical in every stride, while
-the direction of walking stays the same."""
-
 PATH_SMOOTHING_S = 0.2
 """[s] Standard deviation of the Gaussian that smooths the path walked: the Gaussian damps sway, and does not ring where
 walking starts, as a Butterworth filter does."""
 
 
-def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
-    """The unwrapped heading (T,) [rad] by a second-order Butterworth filter, forwards and backwards, without delay."""
+def low_pass_heading(heading: np.ndarray, rate_hz: float, cutoff_hz: float = 1.0) -> np.ndarray:
+    """The unwrapped heading (T,) [rad] by a second-order Butterworth filter, forwards and backwards, without delay.
+
+    The pelvis also turns about the vertical in every stride, while the direction of walking stays the same.
+    """
     from scipy.signal import butter, filtfilt
 
-    numerator, denominator = butter(2, HEADING_CUTOFF_HZ / (rate_hz / 2))
-    return filtfilt(numerator, denominator, heading, axis=0)
+    return filtfilt(*butter(2, cutoff_hz / (rate_hz / 2)), heading, axis=0)
 
 
 def path_walked(position: np.ndarray, rate_hz: float, smoothing_s: float = PATH_SMOOTHING_S) -> np.ndarray:

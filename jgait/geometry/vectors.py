@@ -61,11 +61,6 @@ def dot(a: Vector, b: Vector) -> Values:
     return a.x * b.x + a.y * b.y + a.z * b.z
 
 
-def dots(rows: tuple[Vector, Vector, Vector], a: Vector) -> Vector:
-    """The product of a matrix, given by its rows, with a vector."""
-    return Vector(*(dot(row, a) for row in rows))
-
-
 def cross(a: Vector, b: Vector) -> Vector:
     """The vector product a × b, right-handed."""
     return Vector(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
@@ -75,14 +70,6 @@ def root(square: Values) -> Values:
     """The square root; 0, with gradient 0, for values that are not positive."""
     positive = square > 0.0
     return xp.where(positive, xp.sqrt(xp.where(positive, square, xp.ones_like(square))), 0.0)
-
-
-def horner(coefficients: tuple[float, ...], x: Values) -> Values:
-    """The polynomial with two coefficients or more, that of x⁰ first."""
-    value = coefficients[-1] * x + coefficients[-2]
-    for coefficient in coefficients[-3::-1]:
-        value = value * x + coefficient
-    return value
 
 
 def wrapped(angle: Values) -> Values:

@@ -27,9 +27,6 @@ from jgait.types import AnyArray, Integer, Scalar, Values
 DAMPING = math.sqrt(2.0)
 """[1] Damping of a Butterworth filter of second order."""
 
-MORE = 9
-"""[samples] Continuation of a signal at both ends, three times the number of coefficients of the filter."""
-
 
 class FilterSection(NamedTuple):
     """A second-order low-pass, gain 1 at zero frequency: numerator b (1, 2, 1), denominator (1, a1, a2)."""
@@ -128,17 +125,16 @@ def low_pass(x: AnyArray, cutoff_hz: Values, sampling_rate_hz: Scalar) -> Float[
 def low_pass_both_ways(x: AnyArray, cutoff_hz: Scalar, sampling_rate_hz: Scalar) -> Float[AnyArray, "time *rest"]:
     """The filter forwards and then backwards: no delay, and the squared gain of one way, 1/2 at the cut-off [Hz].
 
-    Both ends of the signal (T, ...), T > 9, are continued by a point reflection of 9 samples, as SciPy's `filtfilt`
-    does.
+    Both ends of the signal (T, ...), T > 9, are continued by a point reflection of 9 samples, three times the number of
+    the filter's coefficients, as SciPy's `filtfilt` does.
 
     Raises:
         ValueError: as `low_pass`, or if there are too few samples.
     """
-    s, values = section(cutoff_hz, sampling_rate_hz), samples(x, MORE + 1)
-    before = 2.0 * values[:1] - values[MORE:0:-1]
-    behind = 2.0 * values[-1:] - values[-2 : -MORE - 2 : -1]
+    s, values = section(cutoff_hz, sampling_rate_hz), samples(x, 10)
+    before, behind = 2.0 * values[:1] - values[9:0:-1], 2.0 * values[-1:] - values[-2:-11:-1]
     there = _filtered(s, xp.concatenate([before, values, behind]))
-    return _filtered(s, there, reverse=True)[MORE:-MORE]
+    return _filtered(s, there, reverse=True)[9:-9]
 
 
 def low_passed(

@@ -16,26 +16,16 @@ from jgait.types import AnyArray, as_float
 LOWEST_RANGE = 4.0
 """[rad/s] No gyroscope for gait has a smaller range; 250 °/s are 4.4 rad/s."""
 
-NEAR, AXES = 0.98, 0.9
-"""[1] Least height of a flat peak, over the largest reading of its axis (`NEAR`) and of the sensor (`AXES`)."""
+NEAR, AXES, CUT_OFF = 0.98, 0.9, 0.02
+"""[1] Least height of a flat peak, over the largest reading of its axis (`NEAR`) and of the sensor (`AXES`); least part
+of the largest reading by which the flanks must overshoot a flat peak."""
 
 FLAT = 3
 """[samples] Lower limit on the length of a flat peak."""
 
-CUT_OFF = 0.02
-"""[1] Least part of the largest reading by which the flanks must overshoot a flat peak."""
-
-PEAKS = 2
-"""Least number of flat peaks in a clipped recording; fewer occur by chance."""
-
-AGAIN = 3
-"""Least number of equal largest readings in a recording whose impacts are cut off."""
-
-FINE = 1e-3
-"""[1] Largest resolution of a sensor, over its largest reading, with which separate impacts have different readings."""
-
-STEEP = 0.1
-"""[1] Least change of the signal beside a cut-off reading, over that reading; a peak that is not cut off is round."""
+FINE, STEEP = 1e-3, 0.1
+"""[1] Largest resolution of a sensor, over its largest reading, with which separate impacts have different readings.
+Least change of the signal beside a cut-off reading, over that reading; a peak that is not cut off is round."""
 
 HELD, AGAIN_MOST = 0.1, 4
 """[1] Share of samples equal to the sample before, in all axes, above which a sensor is slower than its signal;
@@ -86,7 +76,7 @@ def forces_clipped(acc: Float[AnyArray, "time axis"], above: float, least: int =
 def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
     """Samples of impacts that a sensor cuts off, `above` a limit, for one or two samples.
 
-    At least `AGAIN` readings then have exactly the largest size of all axes, and the signal changes steeply beside
+    At least three readings then have exactly the largest size of all axes, and the signal changes steeply beside
     them. In a signal of coarse resolution separate peaks can be equal: none of its samples is returned.
     """
     signal = as_float(values)
@@ -98,7 +88,7 @@ def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.nda
     edge = np.zeros((1, signal.shape[1]))
     steep = np.maximum(np.vstack([edge, steps]), np.vstack([steps, edge])) > STEEP * top
     clipped = (size >= top - 1e-9) & steep
-    return np.asarray(clipped.any(axis=1) & (clipped.sum() >= AGAIN))
+    return np.asarray(clipped.any(axis=1) & (clipped.sum() >= 3))
 
 
 class Restored(NamedTuple):
@@ -115,7 +105,7 @@ def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
     """Restore the peaks of an angular rate (T, 3) [rad/s] that the gyroscope's range cut off.
 
     A cubic through the two readings before and the two after a flat peak replaces the peak where the cubic is higher. A
-    recording with fewer than `PEAKS` flat peaks is returned unchanged.
+    recording with fewer than two flat peaks is returned unchanged: one occurs by chance.
     """
     rate = as_float(gyr)
     largest = np.abs(rate).max(initial=0.0)
@@ -123,7 +113,7 @@ def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
         (axis, sign, *peak) for axis in range(rate.shape[1]) for sign in (1.0, -1.0)
         for peak in _cut_off(sign * rate[:, axis], max(LOWEST_RANGE, AXES * largest))
     ]  # fmt: skip
-    return _with(rate, peaks if len(peaks) >= PEAKS else [], UNSURE, UNSURE)
+    return _with(rate, peaks if len(peaks) > 1 else [], UNSURE, UNSURE)
 
 
 def restored_forces(acc: Float[AnyArray, "time axis"], clipped: Bool[AnyArray, "time"]) -> Restored:

@@ -27,12 +27,8 @@ def marks(
 
     `valid` is False for rows without a stride.
     """
-    there = jnp.ones(jnp.shape(begin), bool) if valid is None else jnp.asarray(valid)
-    flags = []
-    for index in (begin, end):
-        at = jnp.where(there, jnp.asarray(index), samples)
-        flags.append(jnp.zeros(samples, bool).at[at].set(True, mode="drop"))
-    return Marks(*flags)
+    rows = (jnp.where(True if valid is None else valid, jnp.asarray(index), samples) for index in (begin, end))
+    return Marks(*(jnp.zeros(samples, bool).at[at].set(True, mode="drop") for at in rows))
 
 
 def latest[T: PyTree](first: T, there: T, instant: Flags) -> tuple[T, T]:

@@ -26,9 +26,6 @@ from jgait.types import AnyArray, Scalar
 MAGNITUDES = ("max", "rms")
 """Magnitude of a detail to which its threshold is relative: greatest absolute value, or root mean square."""
 
-MULTIPLE = 1024
-"""[samples] Signals are padded to a multiple of this length; up to ten levels need no other."""
-
 
 @functools.cache
 def _taps() -> tuple[np.ndarray, ...]:
@@ -80,7 +77,7 @@ def from_details(
     if relative_to not in MAGNITUDES:
         raise ValueError(f"magnitude must be one of {', '.join(MAGNITUDES)}; got {relative_to!r}")
     values = jnp.asarray(samples(x))
-    count, more = len(values), -len(values) % MULTIPLE
+    count, more = len(values), -len(values) % 1024  # up to ten levels need no other multiple
     before = more // 2
     counts = jnp.ones(count, bool) if mask is None else mask
     rest = jnp.pad(values, [(before, more - before)] + [(0, 0)] * (values.ndim - 1), mode="symmetric")

@@ -125,14 +125,8 @@ def peaks(
 ) -> Int[np.ndarray, "peak"]:
     """Samples of the local maxima of a signal (T,), of a plateau the middle one; on the host.
 
-    As `scipy.signal.find_peaks`, which takes longer to import than to run.
-
-    Args:
-        x: the signal.
-        height: least value of a maximum, in the signal's unit.
-        distance: least distance of two maxima [samples]; of nearer ones the higher is kept.
-        prominence: least height of a maximum above the higher one of the lowest values on both sides, up to a value
-            that is higher than the maximum, or to the end; in the signal's unit.
+    As `scipy.signal.find_peaks`, which takes longer to import than to run: `height` and `prominence` are in the
+    signal's unit, `distance` is in samples.
     """
     x = as_float(x)
     begin = np.flatnonzero(np.append(True, x[1:] != x[:-1])[: len(x)])  # of runs of equal values

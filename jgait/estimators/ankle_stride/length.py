@@ -44,7 +44,7 @@ from jax import lax
 from jax.typing import ArrayLike
 from jaxtyping import PyTree
 
-from jgait.geometry.rotation import Quaternion, exponential, product, rotated
+from jgait.geometry.rotation import Quaternion, normalised, product, rotated, small_turn
 from jgait.geometry.vectors import Vector, add, cross, dot, root, scale, subtract, vector
 from jgait.signal.marks import Marks
 from jgait.types import Values
@@ -161,7 +161,7 @@ def _step(
 ) -> tuple[StrideState, Travelled]:
     """One sample of the 3-D method: the state after it, and the stride from its begin to here."""
     w, f, _ = sample
-    going = advanced(s, product(s.attitude, exponential(scale(0.5 * dt, add(s.gyr, w)))), w, f, dt)
+    going = advanced(s, product(s.attitude, normalised(small_turn(scale(0.5 * dt, add(s.gyr, w))))), w, f, dt)
     # A stride of zero duration has zero length; dividing by 1 s keeps the gradient finite.
     long = jnp.where(going.duration > 0.0, going.duration, 1.0)
     stop = rotated(going.attitude, cross(w, p.lever))

@@ -26,7 +26,7 @@ from jaxtyping import Float
 
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import xp
-from jgait.geometry.rotation import differences, exponential, product, quaternion, retract, rotated
+from jgait.geometry.rotation import differences, normalised, product, quaternion, retract, rotated, small_turn
 from jgait.geometry.vectors import GRAVITY, Three, as_array, vector
 from jgait.types import AnyArray, Values
 
@@ -74,7 +74,7 @@ class TrunkNoise(NamedTuple):
 def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkState:
     """The attitude rotated by the angular rate over one interval."""
     del p
-    turned = product(quaternion(s.attitude), exponential(vector(dt * (u.gyr - s.gyr_bias))))
+    turned = product(quaternion(s.attitude), normalised(small_turn(vector(dt * (u.gyr - s.gyr_bias)))))
     return TrunkState(as_array(turned), s.gyr_bias, s.acc_bias)
 
 
