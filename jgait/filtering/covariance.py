@@ -47,15 +47,10 @@ def _names(structure: PyTreeDef) -> tuple[str, ...]:
 
 
 class Layout(NamedTuple):
-    """The names and shapes of a tuple's leaves; hashable. Components are numbered leaf by leaf, row by row.
-
-    Attributes:
-        structure: tree structure of the tuple.
-        shapes: shape of each leaf, () for a scalar.
-    """
+    """The names and shapes of a tuple's leaves; hashable. Components are numbered leaf by leaf, row by row."""
 
     structure: PyTreeDef
-    shapes: tuple[tuple[int, ...], ...]
+    shapes: tuple[tuple[int, ...], ...]  #: shape of each leaf, () for a scalar.
 
     @classmethod
     def of(cls, tree: Tree, axes: int = 0) -> "Layout":
@@ -74,11 +69,7 @@ class Layout(NamedTuple):
         return sum(map(math.prod, self.shapes))
 
     def places(self, name: str) -> list[int]:
-        """The numbers of the components of a leaf, or of all leaves below a name.
-
-        Raises:
-            KeyError: if no leaf has the name.
-        """
+        """The numbers of the components of a leaf, or of all leaves below a name; KeyError if there is none."""
         numbers, first = list[int](), 0
         for leaf, shape in zip(self.names, self.shapes, strict=True):
             size = math.prod(shape)
@@ -96,8 +87,7 @@ class Layout(NamedTuple):
     def components(self, tree: Tree, dtype: DTypeLike, what: str) -> list[Scalar]:
         """The scalars of a tuple: Python numbers as floats, all else as arrays of the dtype.
 
-        Raises:
-            ValueError: if the tuple is of another type than expected, or a leaf has another shape.
+        Raises ValueError if the tuple is of another type than expected, or a leaf has another shape.
         """
         leaves, structure = jax.tree.flatten(tree)
         if structure != self.structure:
@@ -153,11 +143,7 @@ class Covariance:
     __slots__ = ("layout", "places", "values")
 
     def __init__(self, values: Sequence[PyTree], layout: Layout, places: tuple[Places, ...] | None = None) -> None:
-        """Take the values, and the layout of the tuple of components.
-
-        The values are one array (..., n, n); or scalars, each of them the entry at all of its `places`: others are
-        known to be zero.
-        """
+        """Take one array (..., n, n); or scalars, each the entry at all of its `places`; other entries are zero."""
         self.values, self.layout, self.places = tuple(values), layout, places
 
     def tree_flatten(self) -> tuple[tuple[PyTree, ...], tuple[Layout, tuple[Places, ...] | None]]:
@@ -171,10 +157,9 @@ class Covariance:
 
     @classmethod
     def from_variances(cls, variances: Tree) -> "Covariance":
-        """The covariance of independent components with the given variances.
+        """The covariance of independent components, from a tuple of their variances of the error's type.
 
-        Args:
-            variances: tuple of the error's type; a number for an array is the variance of each of its entries.
+        A number for an array is the variance of each of its entries.
         """
         layout = Layout.of(variances)
         entries = dict[tuple[int, int], Scalar]()
@@ -186,8 +171,7 @@ class Covariance:
     def expanded(self, layout: Layout) -> "Covariance":
         """The same covariance for a tuple with arrays where this one has numbers, which hold for each entry.
 
-        Raises:
-            ValueError: if the tuples have other names, or arrays of other shapes.
+        Raises ValueError if the tuples have other names, or arrays of other shapes.
         """
         if self.layout == layout:
             return self
@@ -209,14 +193,9 @@ class Covariance:
 
     @classmethod
     def from_dense(cls, matrix: Float[AnyArray, "*batch state state"], like: Tree | Layout) -> "Covariance":
-        """The covariance from the upper triangle of a symmetric matrix (..., n, n).
+        """The covariance from the upper triangle of a symmetric matrix (..., n, n), components in the order of `names`.
 
-        Args:
-            matrix: (..., n, n), components in the order of `names`.
-            like: any tuple of components, or its `Layout`.
-
-        Raises:
-            ValueError: if the matrix does not have the size of the tuple.
+        `like` is any tuple of components, or its `Layout`. Raises ValueError if the matrix is not of its size.
         """
         matrix = xp.asarray(matrix)
         layout = like if isinstance(like, Layout) else Layout.of(like)

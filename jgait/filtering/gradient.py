@@ -48,15 +48,10 @@ type Later = tuple[tuple[Array, ...], Named, Named]
 def filter_gradient(
     linear: Linear, start: Belief, samples: Sample, known: Named, ct: Named, moving: Sequence[int]
 ) -> list[Array]:
-    """Cotangents of the arguments `moving` of `Recorded`.
+    """Cotangents of the arguments of `Recorded` with the numbers `moving`.
 
-    Args:
-        linear: the model.
-        start: (x, δ, P) before the first sample.
-        samples: the recording.
-        known: the outputs x, delta, cov, G and z of the filter's scan.
-        ct: cotangents of outputs of the filter's scan.
-        moving: numbers of the arguments.
+    `start` is (x, δ, P) before the first sample; `known` are the outputs x, delta, cov, G and z of the filter's scan,
+    `ct` cotangents of its outputs.
     """
     count = len(linear.wide)
     constants, series = [i for i in moving if i < count], [i for i in moving if i > count + 1]

@@ -86,8 +86,7 @@ def shape_of(
 ) -> Shape:
     """What is known of a model whose components are all measured; controls have the time axis in front.
 
-    Raises:
-        ValueError: if only one of `retract` and `local` is defined.
+    Raises ValueError if only one of `retract` and `local` is defined.
     """
     if (model.retract is None) != (model.local is None):
         given = "retract" if model.local is None else "local"
@@ -168,11 +167,10 @@ def check_arguments(
 
 
 def check_values(observations: Tree, controls: Tree, dt: Numbers) -> None:
-    """Raise if concrete values cannot be used by any filter.
+    """Raise ValueError for concrete values that no filter can use.
 
-    Raises:
-        ValueError: for lists, pandas' columns, non-numbers, NaN or infinity in observations or controls, and for
-            time intervals that are negative, or times.
+    These are lists, pandas' columns, non-numbers, NaN or infinity in observations or controls, and time intervals that
+    are negative, or times.
     """
     for kind, tree in (("observation", observations), ("control", controls)):
         for path, leaf in jax.tree_util.tree_flatten_with_path(tree, is_leaf=_is_table)[0]:
@@ -209,11 +207,7 @@ def _is_table(leaf: object) -> bool:
 
 
 def observed_layout(model: Model, params: Tree, mean: Tree, control: Tree, observation: Tree) -> Layout:
-    """The layout of the model's observations.
-
-    Raises:
-        ValueError: if the observations have another type or shape; the message names the field.
-    """
+    """The layout of the model's observations; raises ValueError with the field's name if these have another one."""
     expected = jax.eval_shape(model.observation, params, mean, control)
     layout, given = Layout.of(expected), Layout.of(observation, axes=1)
     name, fields = type(expected).__name__, layout.names
@@ -229,11 +223,7 @@ def observed_layout(model: Model, params: Tree, mean: Tree, control: Tree, obser
 
 
 def series[T: Tree](tree: T, kind: str, length: int | None) -> tuple[T, int]:
-    """Check that all leaves have the same number of samples T; return them as arrays, and T.
-
-    Raises:
-        ValueError: the message names the leaf with another shape.
-    """
+    """The leaves as arrays, and their number of samples T; raises ValueError that names a leaf of another shape."""
     for name, leaf in zip(names_of(tree), jax.tree.leaves(tree), strict=True):
         shape = jnp.shape(leaf)
         if not shape:
@@ -250,11 +240,8 @@ def mask_components(mask: Tree, observed: Layout, length: int) -> tuple[list[Boo
     """The mask of each component of the observation, an array (T,) of bools or True; and those never measured.
 
     A component is never measured if its mask is Python's or NumPy's scalar False. If none is measured, one stays,
-    masked everywhere.
-
-    Raises:
-        ValueError: if the mask is neither one bool array (T,) nor an observation tuple of such arrays; an array of the
-            observation may have a mask for each entry.
+    masked everywhere. Raises ValueError if the mask is neither one bool array (T,) nor an observation tuple of such
+    arrays; an array of the observation may have a mask for each entry.
     """
     if mask is None:
         return [True] * observed.size, set()

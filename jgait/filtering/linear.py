@@ -32,24 +32,16 @@ type Interval = tuple[Leaves, Scalar]
 
 @dataclass(frozen=True)
 class Shape:
-    """What a filter knows of a model before it is compiled, and the model's functions on components.
-
-    Attributes:
-        model: state-space model.
-        params: tree structure of its parameters.
-        control, state, error, observed: layouts of its tuples.
-        measured: numbers of the observation's components that are ever measured.
-        dtype: dtype of all floats.
-    """
+    """What a filter knows of a model before it is compiled, and the model's functions on components."""
 
     model: Model
-    params: PyTreeDef
+    params: PyTreeDef  #: tree structure of the parameters.
     control: Layout
     state: Layout
     error: Layout
     observed: Layout
-    measured: tuple[int, ...]
-    dtype: np.dtype[np.floating]
+    measured: tuple[int, ...]  #: numbers of the observation's components that are ever measured.
+    dtype: np.dtype[np.floating]  #: of all floats.
 
     @property
     def curved(self) -> bool:
@@ -129,7 +121,7 @@ class Shape:
         except ValueError as error:
             raise ValueError(f"{what} must have {error}") from None
 
-    def arrays(self, components: list[Scalar]) -> list[Array]:
+    def arrays(self, components: Sequence[Scalar]) -> list[Array]:
         """Components as arrays of the dtype."""
         return [jnp.asarray(value, self.dtype) for value in components]
 

@@ -52,16 +52,12 @@ class UKF(_Method):
     """Unscented Kalman filter: 2n + 1 sigma points at √(α² (n + κ)) standard deviations.
 
     The defaults have no negative weights and give the exact variance of a quadratic function of one Gaussian variable.
-
-    Attributes:
-        alpha: spread of the points; a small spread increases rounding errors: differences are divided by its square.
-        beta: weight of the central point in the covariance; 2 suits Gaussian distributions.
-        kappa: additional spread of the points.
     """
 
+    #: spread of the points; a small spread increases rounding errors: differences are divided by its square.
     alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float = 0.0
+    beta: float = 2.0  #: weight of the central point in the covariance; 2 suits Gaussian distributions.
+    kappa: float = 0.0  #: additional spread of the points.
     iterations: int = 1
     derivative: Derivative = "reverse"
 

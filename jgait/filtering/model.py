@@ -29,26 +29,19 @@ class Belief(NamedTuple):
 class Model(NamedTuple):
     """A state-space model; functions at module level, so that the model is hashable and compiles once.
 
-    Attributes:
-        initial: params → `Belief` one interval before the first sample.
-        transition: (params, state, control, dt) → state after dt.
-        transition_noise: (params, state, control, dt) → `Covariance`, or an error tuple of independent variances;
-            computed at the mean before the interval.
-        observation: (params, state, control) → expected observation.
-        observation_noise: (params, state, control) → `Covariance`, or an observation tuple of variances; computed at
-            the predicted mean.
-        retract: (state, error) → state, for states on a manifold; None: their sum.
-        local: (reference, state) → error with retract(reference, local(reference, state)) = state; None: difference.
-        residual: (measured, predicted) → their difference, for angles that wrap; None: plain subtraction.
-
     In a tuple of variances one number stands for all entries of an array. All Jacobians come from autodiff.
     """
 
-    initial: Callable[..., Belief]
-    transition: Callable[..., Tree]
+    initial: Callable[..., Belief]  #: params → `Belief` one interval before the first sample.
+    transition: Callable[..., Tree]  #: (params, state, control, dt) → state after dt.
+    #: (params, state, control, dt) → `Covariance`, or an error tuple of independent variances; computed at the mean
+    #: before the interval.
     transition_noise: Callable[..., Covariance | Tree]
-    observation: Callable[..., Tree]
+    observation: Callable[..., Tree]  #: (params, state, control) → expected observation.
+    #: (params, state, control) → `Covariance`, or an observation tuple of variances; computed at the predicted mean.
     observation_noise: Callable[..., Covariance | Tree]
-    retract: Callable[..., Tree] | None = None
+    retract: Callable[..., Tree] | None = None  #: (state, error) → state, for states on a manifold; None: their sum.
+    #: (reference, state) → error with retract(reference, local(reference, state)) = state; None: difference.
     local: Callable[..., Tree] | None = None
+    #: (measured, predicted) → their difference, for angles that wrap; None: plain subtraction.
     residual: Callable[..., Tree] | None = None

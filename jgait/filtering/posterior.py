@@ -27,28 +27,18 @@ from jgait.types import Counts, Maybe
 
 @record
 class Posterior(NamedTuple):
-    """A filtered recording; every leaf has the time axis in front, and a field not in `keep` is None.
+    """A filtered recording; every leaf has the time axis in front, and a field not in `keep` is None."""
 
-    Attributes:
-        mean: filtered mean, in the state's type.
-        cov: covariance of `mean`.
-        innovation: measured − predicted, in the observation's type; 0 where masked.
-        innovation_stddev: standard deviation of `innovation`, in the observation's type; 1 where masked.
-        log_likelihood: (T,) log-density of each sample given the past [nat], linearised at the prediction; NaN if a
-            parameter is NaN.
-        nis: (T,) normalised innovation squared, χ² with `count` degrees of freedom, linearised at the prediction.
-        count: (T,) number of measured components, as a float.
-        valid: (T,) False where the numbers were not finite and the prediction was kept; the five fields above are
-            then 0.
-    """
-
-    mean: PyTree = None
-    cov: Maybe[Covariance] = None
-    innovation: PyTree = None
-    innovation_stddev: PyTree = None
+    mean: PyTree = None  #: filtered mean, in the state's type.
+    cov: Maybe[Covariance] = None  #: covariance of `mean`.
+    innovation: PyTree = None  #: measured − predicted, in the observation's type; 0 where masked.
+    innovation_stddev: PyTree = None  #: standard deviation of `innovation`, in the observation's type; 1 where masked.
+    #: (T,) log-density of each sample given the past [nat], linearised at the prediction; NaN if a parameter is NaN.
     log_likelihood: Maybe[Float[Array, "*batch time"]] = None
+    #: (T,) normalised innovation squared, χ² with `count` degrees of freedom, linearised at the prediction.
     nis: Maybe[Float[Array, "*batch time"]] = None
-    count: PyTree = None
+    count: PyTree = None  #: (T,) number of measured components, as a float.
+    #: (T,) False where the numbers were not finite and the prediction was kept; the five fields above are then 0.
     valid: Maybe[Bool[Array, "*batch time"]] = None
 
     def belief(self, at: Counts | tuple[()] = ()) -> Belief:
@@ -88,17 +78,11 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 @record
 class Inferred(NamedTuple):
-    """A filtered or smoothed recording.
+    """A filtered or smoothed recording."""
 
-    Attributes:
-        mean: mean in the state's type, time axis in front.
-        cov: covariance of `mean`, or None if `covariance` is False.
-        filtered: the filter's `Posterior`, with the fields in `keep`.
-    """
-
-    mean: PyTree
-    cov: Maybe[Covariance]
-    filtered: Posterior
+    mean: PyTree  #: mean in the state's type, time axis in front.
+    cov: Maybe[Covariance]  #: covariance of `mean`, or None if `covariance` is False.
+    filtered: Posterior  #: the filter's `Posterior`, with the fields in `keep`.
 
     @property
     def log_likelihood(self) -> Float[Array, "*batch"]:

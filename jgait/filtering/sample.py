@@ -13,23 +13,12 @@ from jgait.filtering.model import Model
 def draw(
     key: PRNGKeyArray, model: Model, params: Tree, samples: int, *, dt: Numbers, controls: Tree = None
 ) -> tuple[PyTree, PyTree]:
-    """Draw one random recording from a model, for tests, power studies, and checks that a fit recovers parameters.
+    """Draw one random recording of T = `samples` from a model: for tests, power studies, and checks of a fit.
 
         x₀ ~ N(m₀, P₀),  x_k = f(x_{k−1}) ⊕ N(0, Q),  y_k = h(x_k) + N(0, R)
 
-    Args:
-        key: PRNG key.
-        model: state-space model.
-        params: any pytree, passed on to the model's functions.
-        samples: T, number of samples.
-        controls: control tuple of (T,) arrays, or None.
-        dt: interval [s], scalar or (T,), as in `kalman_filter`.
-
-    Returns:
-        States and observations in the model's types, time axis in front. Pure, for `jax.vmap` over keys.
-
-    Raises:
-        ValueError: if a result of the model's functions has the wrong type.
+    Arguments as of `kalman_filter`; pure, for `jax.vmap` over keys. Returns states and observations in the model's
+    types, time axis in front. Raises ValueError if a result of the model's functions has the wrong type.
     """
     belief = model.initial(params)
     first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)

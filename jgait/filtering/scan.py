@@ -160,21 +160,13 @@ class Recorded:
 
     Arguments, each (..., B), or (..., 1) if it is the same for the whole batch: leaves of the parameters, mean (k,),
     covariance (n, n), then a `Sample` with the time axis in front, its control as separate components.
-
-    Attributes:
-        shape: the model.
-        method: how to linearise.
-        keep: names of outputs.
-        chosen: components whose smoothed covariances are computed.
-        all: whether everything is computed that the gradient needs, behind `keep`.
-        segment: see `SEGMENT`.
     """
 
     shape: Shape
     method: Method
-    keep: tuple[str, ...]
-    chosen: tuple[int, ...] = ()
-    all: bool = False
+    keep: tuple[str, ...]  #: names of outputs.
+    chosen: tuple[int, ...] = ()  #: components whose smoothed covariances are computed.
+    all: bool = False  #: whether everything is computed that the gradient needs, behind `keep`.
     segment: int = SEGMENT
 
     @property
@@ -243,11 +235,11 @@ class Recorded:
         length, step = len(samples.dt), filter_step(linear, ahead)
         if self.all or not self.smooth or length <= self.segment:
             return outputs_of(lax.scan(step, begin, samples)[1], none)[1]
-        # From the last segment to the first, each filtered again from the belief before it.
-        count = -(-length // self.segment)
-        missing = count * self.segment - length  # filled up with padding: no interval, nothing measured
+        # From the last segment to the first, each filtered again from the belief before it; the last is filled up with
+        # padding: no interval, nothing measured.
+        missing = -length % self.segment
         longer = jax.tree.map(lambda v: jnp.pad(v, [(0, missing), *[(0, 0)] * (v.ndim - 1)]), samples)
-        parts = jax.tree.map(lambda v: v.reshape(count, self.segment, *v.shape[1:]), longer)
+        parts = jax.tree.map(lambda v: v.reshape(-1, self.segment, *v.shape[1:]), longer)
         only = filter_step(linear, ())
         begins = lax.scan(lambda begin, part: (lax.scan(only, begin, part)[0], begin), begin, parts)[1]
         outputs = lax.scan(

@@ -175,7 +175,7 @@ def _linearised(
         return expected, matrix, [minus(y, e) for y, e in zip(sample.measured, expected, strict=True)]
     expected = trace.call(lambda x: shape.observation(params, control, x), x)
 
-    def shift(shown: list[Scalar], reference: list[Scalar]) -> list[Array]:
+    def shift(shown: Sequence[Scalar], reference: Sequence[Scalar]) -> list[Array]:
         return shape.residual(shape.arrays(shown), shape.arrays(reference))
 
     matrix = trace.jacobian(lambda x: shift(shape.observation(params, control, x), expected), x)[1]
