@@ -57,7 +57,7 @@ class Commands(TyperGroup):
     """The commands; the module of a command is imported when the command is called."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the command line; `ctx.obj` of each command keeps its words as they were given."""
+        """The command line; `ctx.obj` keeps its words as they were given."""
         ctx.obj = tuple(args)
         return super().parse_args(ctx, args)
 

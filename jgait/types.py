@@ -57,59 +57,39 @@ PLACEMENTS = (
 
 @record
 class Imu(NamedTuple):
-    """One inertial sensor on its own clock.
+    """One inertial sensor on its own clock."""
 
-    Attributes:
-        time: (T,) [s], strictly increasing.
-        gyr: (T, 3) [rad/s] angular rate in the sensor's axes; finite everywhere, 0 where the mask is False.
-        acc: (T, 3) [m/s²] specific force in the sensor's axes, or None; finite everywhere.
-        mask: (T,) bool; False where the sample was lost or cannot be trusted.
-    """
-
-    time: Series
-    gyr: Series3
-    acc: Maybe[Series3]
-    mask: Mask
+    time: Series  #: (T,) [s], strictly increasing.
+    gyr: Series3  #: (T, 3) [rad/s] angular rate in the sensor's axes; finite everywhere, 0 where the mask is False.
+    acc: Maybe[Series3]  #: (T, 3) [m/s²] specific force in the sensor's axes, or None; finite everywhere.
+    mask: Mask  #: (T,) bool; False where the sample was lost or cannot be trusted.
 
 
 @record
 class RangeReadings(NamedTuple):
-    """Distances between two places, as a range sensor measures them.
+    """Distances between two places, as a range sensor measures them."""
 
-    Attributes:
-        time: (T,) [s], on the clock of the inertial sensors.
-        distance: (T,) [m]; 0 where there is no reading.
-        mask: (T,) bool; True where a distance was read.
-    """
-
-    time: Series
-    distance: Series
-    mask: Mask
+    time: Series  #: (T,) [s], on the clock of the inertial sensors.
+    distance: Series  #: (T,) [m]; 0 where there is no reading.
+    mask: Mask  #: (T,) bool; True where a distance was read.
 
 
 class Recording(NamedTuple):
-    """The sensor signals of one person during one walk.
+    """The sensor signals of one person during one walk."""
 
-    Attributes:
-        sensors: placement (see `PLACEMENTS`) → `Imu`.
-        sampling_rate_hz: nominal rate of the sensors [Hz].
-        name: the name of the recording in tables and figures.
-        subject: identifier of the person; all recordings of a subject are in the same part of a split.
-        notes: facts that the reader of the file noticed or changed (unit conversions, dropped samples).
-        feet_range: distance from the inner side of the left ankle to the right leg, or None.
-        quality: placement → facts about its sensor that the reader computed, a `jgait.quality.SensorQuality`; also of
-            sensors that the reader left out.
-        moves: stretches in which the person moves without walking (begin, end) [s]. The sensors have standing
-            there, but for those of an estimator whose path goes on. None: not judged, the sensors are as read.
-    """
-
-    sensors: dict[str, Imu]
-    sampling_rate_hz: float
-    name: str = "recording"
-    subject: str = "subject"
+    sensors: dict[str, Imu]  #: placement (see `PLACEMENTS`) → `Imu`.
+    sampling_rate_hz: float  #: nominal rate of the sensors [Hz].
+    name: str = "recording"  #: the name of the recording in tables and figures.
+    subject: str = "subject"  #: identifier of the person; all recordings of a subject are in the same part of a split.
+    #: facts that the reader of the file noticed or changed (unit conversions, dropped samples).
     notes: tuple[Note, ...] = ()
+    #: distance from the inner side of the left ankle to the right leg, or None.
     feet_range: RangeReadings | None = None
+    #: placement → facts about its sensor that the reader computed, a `jgait.quality.SensorQuality`; also of sensors
+    #: that the reader left out.
     quality: dict[str, Any] = {}  # noqa: RUF012
+    #: stretches in which the person moves without walking (begin, end) [s]. The sensors have standing there, but for
+    #: those of an estimator whose path goes on. None: not judged, the sensors are as read.
     moves: tuple[tuple[float, float], ...] | None = None
 
     def __repr__(self) -> str:
@@ -151,19 +131,12 @@ def numbered_people(labels: Iterable[Hashable]) -> tuple[tuple[str, ...], np.nda
 
 @record
 class LegTrajectory(NamedTuple):
-    """One leg in its sagittal plane, seen with forward to the right; the hip is the origin.
+    """One leg in its sagittal plane, seen with forward to the right; the hip is the origin."""
 
-    Attributes:
-        hip_angle: (T,) [rad] thigh from the downward vertical, flexion (knee forward) positive.
-        knee_angle: (T,) [rad] shank relative to thigh, flexion positive, 0 when straight.
-        x: (T,) [m] ankle relative to hip, forward.
-        y: (T,) [m] ankle relative to hip, up (about minus the leg length when standing).
-    """
-
-    hip_angle: Series
-    knee_angle: Series
-    x: Series
-    y: Series
+    hip_angle: Series  #: (T,) [rad] thigh from the downward vertical, flexion (knee forward) positive.
+    knee_angle: Series  #: (T,) [rad] shank relative to thigh, flexion positive, 0 when straight.
+    x: Series  #: (T,) [m] ankle relative to hip, forward.
+    y: Series  #: (T,) [m] ankle relative to hip, up (about minus the leg length when standing).
 
 
 @record
@@ -176,16 +149,11 @@ class Legs(NamedTuple):
 
 @record
 class FootTrajectory(NamedTuple):
-    """The trajectory of one foot's sensor; for standard deviations, `orientation` is (T, 3), a rotation vector.
+    """The trajectory of one foot's sensor; for standard deviations, `orientation` is (T, 3), a rotation vector."""
 
-    Attributes:
-        position: (T, 3) [m] in the world, z up.
-        velocity: (T, 3) [m/s].
-        orientation: (T, 4) unit quaternion q_ws, w first: rotates vectors from the sensor frame to the world frame.
-    """
-
-    position: Series3
-    velocity: Maybe[Series3]
+    position: Series3  #: (T, 3) [m] in the world, z up.
+    velocity: Maybe[Series3]  #: (T, 3) [m/s].
+    #: (T, 4) unit quaternion q_ws, w first: rotates vectors from the sensor frame to the world frame.
     orientation: Maybe[Float[AnyArray, "*batch time 4"]]
 
 
@@ -203,88 +171,54 @@ class Strides(NamedTuple):
 
     As standard deviations: the same fields, None or 0 where none is given; `side` and `valid` are repeated.
 
-    Attributes:
-        side: 0 right, 1 left; the order of `SIDES`.
-        start: initial contact at which the stride begins [s]; the toe-off for a first stride from standing.
-        final_contact: time at which the toes leave the ground [s].
-        end: initial contact at which the stride ends [s].
-        length: horizontal distance between the two footholds [m].
-        width: distance from the line through the two footholds to the other foot's foothold between them [m].
-        height: rise from one foothold to the next [m].
-        valid: bool; False for a padding row.
-        standing: time at which the foot moves least on its first foothold [s].
-        standing_end: time at which the foot moves least on its second foothold [s].
-        speed: length over the time between the contacts; for a first stride `standing` to `standing_end` [m/s].
-        turn: change of the foot's heading, left positive [rad].
-        lift: largest height of the foot's sensor above the higher of its two footholds [m].
-        contact_angle: pitch of the foot at `end`, relative to standing, toes up positive [rad].
-        push_off_angle: pitch of the foot at the final contact, toes up positive, so that the angle is negative [rad].
-        step_length: distance from the first foothold to the other foot's foothold between them, along the stride [m].
-
     A field after `valid` is None where the source does not give it; NaN in `width` and `step_length` means that
     the other foot had no foothold between the two footholds, or was not measured.
     """
 
-    side: Int[AnyArray, "*batch row"]
-    start: Maybe[Rows]
-    final_contact: Maybe[Rows]
-    end: Maybe[Rows]
-    length: Rows
-    width: Rows
-    height: Rows
-    valid: Bool[AnyArray, "*batch row"]
-    standing: Maybe[Rows] = None
-    standing_end: Maybe[Rows] = None
+    side: Int[AnyArray, "*batch row"]  #: 0 right, 1 left; the order of `SIDES`.
+    start: Maybe[Rows]  #: initial contact at which the stride begins [s]; the toe-off for a first stride from standing.
+    final_contact: Maybe[Rows]  #: time at which the toes leave the ground [s].
+    end: Maybe[Rows]  #: initial contact at which the stride ends [s].
+    length: Rows  #: horizontal distance between the two footholds [m].
+    width: Rows  #: distance from the line through the two footholds to the other foot's foothold between them [m].
+    height: Rows  #: rise from one foothold to the next [m].
+    valid: Bool[AnyArray, "*batch row"]  #: bool; False for a padding row.
+    standing: Maybe[Rows] = None  #: time at which the foot moves least on its first foothold [s].
+    standing_end: Maybe[Rows] = None  #: time at which the foot moves least on its second foothold [s].
+    #: length over the time between the contacts; for a first stride `standing` to `standing_end` [m/s].
     speed: Maybe[Rows] = None
-    turn: Maybe[Rows] = None
-    lift: Maybe[Rows] = None
-    contact_angle: Maybe[Rows] = None
+    turn: Maybe[Rows] = None  #: change of the foot's heading, left positive [rad].
+    lift: Maybe[Rows] = None  #: largest height of the foot's sensor above the higher of its two footholds [m].
+    contact_angle: Maybe[Rows] = None  #: pitch of the foot at `end`, relative to standing, toes up positive [rad].
+    #: pitch of the foot at the final contact, toes up positive, so that the angle is negative [rad].
     push_off_angle: Maybe[Rows] = None
+    #: distance from the first foothold to the other foot's foothold between them, along the stride [m].
     step_length: Maybe[Rows] = None
 
 
 @record
 class Estimate(NamedTuple):
-    """The result of an estimator, a simulator or motion capture for one recording.
+    """The result of an estimator, a simulator or motion capture for one recording."""
 
-    Attributes:
-        time: (T,) [s].
-        legs: joint angles and foot position.
-        stddev: standard deviations of `legs` in the same type, or None where the source gives none.
-        distance: (T,) [m] distance walked since the start, or None.
-        valid: (T,) bool; False where the values are not usable (padding, no data yet).
-        diagnostics: name → scalar, array or other measure of the quality of the result.
-        strides: `Strides`, or None where the source gives none.
-        feet: trajectories of the feet's sensors, `Feet`, or None.
-        feet_stddev: standard deviations of `feet` in the same type, or None.
-        strides_stddev: standard deviations of `strides` in the same type, or None.
-    """
-
-    time: Series
-    legs: Legs
-    stddev: Legs | None
-    distance: Maybe[Series]
-    valid: Mask
-    diagnostics: dict[str, Any]
-    strides: Maybe[Strides] = None
-    feet: Feet | None = None
-    feet_stddev: Feet | None = None
-    strides_stddev: Maybe[Strides] = None
+    time: Series  #: (T,) [s].
+    legs: Legs  #: joint angles and foot position.
+    stddev: Legs | None  #: standard deviations of `legs` in the same type, or None where the source gives none.
+    distance: Maybe[Series]  #: (T,) [m] distance walked since the start, or None.
+    valid: Mask  #: (T,) bool; False where the values are not usable (padding, no data yet).
+    diagnostics: dict[str, Any]  #: name → scalar, array or other measure of the quality of the result.
+    strides: Maybe[Strides] = None  #: `Strides`, or None where the source gives none.
+    feet: Feet | None = None  #: trajectories of the feet's sensors, `Feet`, or None.
+    feet_stddev: Feet | None = None  #: standard deviations of `feet` in the same type, or None.
+    strides_stddev: Maybe[Strides] = None  #: standard deviations of `strides` in the same type, or None.
 
 
 @record
 class Walk(NamedTuple):
-    """One recorded walk.
+    """One recorded walk."""
 
-    Attributes:
-        recording: the sensor signals.
-        reference: an independent measurement of the walk as an `Estimate`, or None.
-        info: further information; the module of each data set lists the keys.
-    """
-
-    recording: Recording
-    reference: Estimate | None
-    info: dict[str, Any]
+    recording: Recording  #: the sensor signals.
+    reference: Estimate | None  #: an independent measurement of the walk as an `Estimate`, or None.
+    info: dict[str, Any]  #: further information; the module of each data set lists the keys.
 
 
 class RecordingError(ValueError):

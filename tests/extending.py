@@ -12,17 +12,11 @@ TOYS_AT = Path(__file__).parent / "toys"
 
 
 class Toy(NamedTuple):
-    """A new part.
+    """A new part."""
 
-    Attributes:
-        kind: what it is.
-        new: files and folders that it brings.
-        changed: existing file → pairs (text that is there, text in its place).
-    """
-
-    kind: str
-    new: tuple[str, ...]
-    changed: dict[str, tuple[tuple[str, str], ...]]
+    kind: str  #: what it is.
+    new: tuple[str, ...]  #: files and folders that it brings.
+    changed: dict[str, tuple[tuple[str, str], ...]]  #: existing file → pairs (text that is there, text in its place).
 
     @property
     def places(self) -> tuple[str, ...]:

@@ -13,17 +13,11 @@ ORDER = (
 
 
 class Import(NamedTuple):
-    """One import of a module of the library by another.
+    """One import of a module of the library by another."""
 
-    Attributes:
-        importer: dotted name of the module that imports.
-        line: number of the line.
-        imported: dotted name of the module, or of the package where the name comes from its `__init__`.
-    """
-
-    importer: str
-    line: int
-    imported: str
+    importer: str  #: dotted name of the module that imports.
+    line: int  #: number of the line.
+    imported: str  #: dotted name of the module, or of the package where the name comes from its `__init__`.
 
 
 def modules(root: Path) -> dict[str, Path]:

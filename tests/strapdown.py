@@ -38,17 +38,11 @@ _MOMENT = _moment_weights()
 
 
 class Path(NamedTuple):
-    """Where a sensor was.
+    """Where a sensor was."""
 
-    Attributes:
-        position: (T, 3) in the world, z up [m].
-        velocity: (T, 3) [m/s].
-        axes: (T, 3, 3); column i is the sensor's axis i in the world [1].
-    """
-
-    position: Any
-    velocity: Any
-    axes: Any
+    position: Any  #: (T, 3) in the world, z up [m].
+    velocity: Any  #: (T, 3) [m/s].
+    axes: Any  #: (T, 3, 3); column i is the sensor's axis i in the world [1].
 
 
 def _shifted(samples: Any, by: int) -> Any:

@@ -33,7 +33,7 @@ class BodyMeasure(NamedTuple):
 class MissingMeasure(NamedTuple):
     """The note for missing measures, which are replaced by defaults."""
 
-    measures: tuple[str, ...]  #: names of the measures.
+    measures: tuple[str, ...]
     text: str  #: consequence of the missing measure; a `str.format` template over the parameters `p`.
     any_one: bool = False  #: True if one of the measures is enough.
 
@@ -82,10 +82,9 @@ class EstimateFigure(NamedTuple):
     file: str  #: end of the file name.
     when: Callable[[Estimate], bool] = lambda _: True  #: True for estimates that have the figure.
     #: positional and keyword arguments of the function; the title is added.
-    arguments: Callable[[EstimatedRecording], tuple[tuple[PyTree, ...], dict[str, PyTree]]] = lambda made: (
-        (made.estimate,),
-        {},
-    )
+    arguments: Callable[[EstimatedRecording], tuple[tuple[PyTree, ...], dict[str, PyTree]]] = (
+        lambda made: ((made.estimate,), {})
+    )  # fmt: skip
     caption: str = ""  #: caption in a report; a report contains only figures with a caption, and those of all estimates
 
 
@@ -103,38 +102,23 @@ class StrideFlag(NamedTuple):
 
 @record
 class About(NamedTuple):
-    """Description of an estimator for commands, reports and documentation.
+    """Description of an estimator for commands, reports and documentation."""
 
-    Attributes:
-        title: estimated quantities and sensors.
-        needs: columns of a recording that the estimator needs, in words.
-        source: authors and year of the method.
-        default: options of the default pipeline.
-        paper: options of the paper's pipeline, or None.
-        measures: measures of a person.
-        missing: notes for missing measures.
-        options: command-line options in addition to those of the measures.
-        facts: estimate → (words, value) of numbers that `jgait estimate` prints in addition to `io.Results.totals`.
-        caption: text below these; a `str.format` template over the settings.
-        tables: tables that are written to files.
-        figures: figures that are drawn.
-        flags: flags of strides.
-        numbers: estimate → JSON numbers in addition to those of every estimate.
-        losses: names of the losses that the estimates can answer, see `jgait.tune.LOSSES`; None: not stated.
-    """
-
-    title: str = "Gait from wearable sensors"
-    needs: str = ""
-    source: str = ""
-    default: object | None = None
-    paper: object | None = None
-    measures: tuple[BodyMeasure, ...] = ()
-    missing: tuple[MissingMeasure, ...] = ()
-    options: tuple[CommandOption, ...] = ()
+    title: str = "Gait from wearable sensors"  #: estimated quantities and sensors.
+    needs: str = ""  #: columns of a recording that the estimator needs, in words.
+    source: str = ""  #: authors and year of the method.
+    default: object | None = None  #: options of the default pipeline.
+    paper: object | None = None  #: options of the paper's pipeline, or None.
+    measures: tuple[BodyMeasure, ...] = ()  #: measures of a person.
+    missing: tuple[MissingMeasure, ...] = ()  #: notes for missing measures.
+    options: tuple[CommandOption, ...] = ()  #: command-line options in addition to those of the measures.
+    #: estimate → (words, value) of numbers that `jgait estimate` prints in addition to `io.Results.totals`.
     facts: Callable[[Estimate], list[tuple[str, str]]] = lambda _: []
-    caption: str = ""
-    tables: tuple[EstimateTable, ...] = (EstimateTable("samples", "samples"),)
-    figures: tuple[EstimateFigure, ...] = ()
-    flags: tuple[StrideFlag, ...] = ()
+    caption: str = ""  #: text below these; a `str.format` template over the settings.
+    tables: tuple[EstimateTable, ...] = (EstimateTable("samples", "samples"),)  #: tables that are written to files.
+    figures: tuple[EstimateFigure, ...] = ()  #: figures that are drawn.
+    flags: tuple[StrideFlag, ...] = ()  #: flags of strides.
+    #: estimate → JSON numbers in addition to those of every estimate.
     numbers: Callable[[Estimate], Mapping[str, PyTree]] = lambda _: {}
+    #: names of the losses that the estimates can answer, see `jgait.tune.LOSSES`; None: not stated.
     losses: tuple[str, ...] | None = None

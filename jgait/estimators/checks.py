@@ -36,11 +36,10 @@ def common_time(
 ) -> np.ndarray:
     """The common time (T,) [s] of several sensors; their signals are checked as well.
 
-    `caller` is the estimator in error messages, `what` describes the sensors in them, such as "both feet"; a walk has
-    to last `least_s` [s].
+    `caller` is the estimator in error messages, `what` describes the sensors in them, such as "both feet".
 
     Raises:
-        RecordingError: a recording too short for a step, clocks that run backwards or differ, signals of the wrong
+        RecordingError: a recording shorter than `least_s`, clocks that run backwards or differ, signals of the wrong
             shape, NaN, all samples masked, no accelerometer, other units.
     """
     time = as_float(recording.sensors[names[0]].time)
@@ -73,10 +72,8 @@ def common_time(
 
 def check_shapes(imu: Imu, name: str) -> None:
     """Raise RecordingError if the signals or the mask of a sensor have not one row for each time."""
-    samples = np.size(imu.time)
-    for what, values, shape in (
-        ("gyr", imu.gyr, (samples, 3)), ("acc", imu.acc, (samples, 3)), ("mask", imu.mask, (samples,))
-    ):  # fmt: skip
+    for what, axes in (("gyr", (3,)), ("acc", (3,)), ("mask", ())):
+        values, shape = getattr(imu, what), (np.size(imu.time), *axes)
         if values is not None and np.shape(values) != shape:
             raise RecordingError(f"{what} of '{name}' must have shape {shape}; got {np.shape(values)}")
 
@@ -245,12 +242,8 @@ def held_bridge(
 ) -> tuple[Array, Array, Array]:
     """`bridged` sample by sample, with held readings: whether the sample is integrated, and both standard deviations.
 
-    Args:
-        lost: (T,) 1 where a sample is lost, else 0.
-        seconds: (T,) time lost since the last foothold, the sample included; losses of a stride count as one [s].
-        step: interval of the samples [s].
-        rate: see `bridged`.
-        force: see `bridged`.
+    `lost` (T,) is 1 where a sample is lost, else 0; `seconds` (T,) is the time lost since the last foothold, the sample
+    included [s], so that the losses of a stride count as one; `step` is the interval of the samples [s].
     """
     goes = seconds <= LONGEST_LOSS
     whole = jnp.maximum(seconds, step)

@@ -107,65 +107,52 @@ def fields_of(record: type, length: Callable[[int], int]) -> tuple[str, ...]:
 
 @record
 class Prepared[I](NamedTuple):
-    """A recording prepared for the pure function `run` of an estimator.
+    """A recording prepared for the pure function `run` of an estimator."""
 
-    Attributes:
-        inputs: NamedTuple of NumPy arrays with annotated axes, see `Axis`, one of them `time` (T,);
-            recordings of the same T and structure can be stacked.
-        options: static options of `run`, hashable; recordings with the same options share a compiled program.
-        notes: notes on decisions about the recording and its problems.
-        standing: half-open range of samples of quiet standing; None if the estimator does not detect it.
-        extra: further input of `finish`; it stays on the host.
-        quality: placement → facts about its sensor.
-        moves: stretches in which the person moves without walking, see `Recording`.
-    """
-
+    #: NamedTuple of NumPy arrays with annotated axes, see `Axis`, one of them `time` (T,); recordings of the same T and
+    #: structure can be stacked.
     inputs: I
-    options: PyTree
-    notes: tuple[Note, ...]
+    options: PyTree  #: static options of `run`, hashable; recordings with the same options share a compiled program.
+    notes: tuple[Note, ...]  #: notes on decisions about the recording and its problems.
+    #: half-open range of samples of quiet standing; None if the estimator does not detect it.
     standing: tuple[int, int] | None = None
-    extra: PyTree = None
+    extra: PyTree = None  #: further input of `finish`; it stays on the host.
+    #: placement → facts about its sensor.
     quality: dict[str, SensorQuality] = {}  # noqa: RUF012
+    #: stretches in which the person moves without walking, see `Recording`.
     moves: tuple[tuple[float, float], ...] = ()
 
 
 @record
 class Estimator[P, I](NamedTuple):
-    """An estimator as a record of functions, the same for all estimators, for cohorts and tuners.
+    """An estimator as a record of functions, the same for all estimators, for cohorts and tuners."""
 
-    Attributes:
-        name: name in `jgait.estimators`.
-        params: default parameters, natural units, with declared ranges.
-        prepare: recording → `Prepared`, on the host; raises `RecordingError` for an unusable recording.
-        run: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static. For one recording
-            it gets NumPy's arrays and runs on the host: it writes functions of arrays as `geometry.arrays.xp.sqrt`, and
-            calls filters and scans through `programs.compiled`.
-        with_body: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics
-            of a reference ("thigh_length" [m], …), to a number or to (right, left); pure, also for JAX arrays.
-        about: description of the estimator: measures, options, tables, figures, flags.
-        per_stride: names of the diagnostics with an entry for each stride.
-        finish: (estimate without padding, `Prepared`) → the estimate of one recording; on the host.
-        in_parts: (params, inputs, options) → the estimate of a long recording, computed in parts, or None for a
-            recording that is not long; on the host.
-        unused: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so
-            that its gradient is zero by construction.
-        likelihood: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning; pure, `options`
-        static. None: the sum of the diagnostics `log_likelihood…`.
-        through: whether a path goes on through movements that are no walking: `prepare` gets the sensors as they are,
-            and leaves out the strides in `Recording.moves`. Otherwise it gets standing in their place.
-    """
-
-    name: str
-    params: P
+    name: str  #: name in `jgait.estimators`.
+    params: P  #: default parameters, natural units, with declared ranges.
+    #: recording → `Prepared`, on the host; raises `RecordingError` for an unusable recording.
     prepare: Callable[[Recording], Prepared[I]]
+    #: (params, inputs, options) → `Estimate`; pure, for jit, vmap and grad, `options` static. For one recording it gets
+    #: NumPy's arrays and runs on the host: it writes functions of arrays as `geometry.arrays.xp.sqrt`, and calls
+    #: filters and scans through `programs.compiled`.
     run: Callable[[P, I, PyTree], Estimate]
+    #: (params, body) → parameters with the measures of a person; `body` maps a name, as in the diagnostics of a
+    #: reference ("thigh_length" [m], …), to a number or to (right, left); pure, also for JAX arrays.
     with_body: Callable[[P, Measures], P]
-    about: About = About()
-    per_stride: tuple[str, ...] = ()
+    about: About = About()  #: description of the estimator: measures, options, tables, figures, flags.
+    per_stride: tuple[str, ...] = ()  #: names of the diagnostics with an entry for each stride.
+    #: (estimate without padding, `Prepared`) → the estimate of one recording; on the host.
     finish: Callable[[Estimate, Prepared[I]], Estimate] | None = None
+    #: (params, inputs, options) → the estimate of a long recording, computed in parts, or None for a recording that is
+    #: not long; on the host.
     in_parts: Callable[[P, I, PyTree], Estimate | None] | None = None
+    #: names of the parameters, or of groups of parameters, on which no number of the estimate depends, so that its
+    #: gradient is zero by construction.
     unused: tuple[str, ...] = ()
+    #: (params, inputs, options) → log-likelihood of the measurements [nat] for tuning; pure, `options` static. None:
+    #: the sum of the diagnostics `log_likelihood…`.
     likelihood: Callable[[P, I, PyTree], Values] | None = None
+    #: whether a path goes on through movements that are no walking: `prepare` gets the sensors as they are, and leaves
+    #: out the strides in `Recording.moves`. Otherwise it gets standing in their place.
     through: bool = False
 
     @property
@@ -246,22 +233,18 @@ def trimmed(result: Estimate, samples: int, per_stride: tuple[str, ...]) -> Esti
     """An estimate without padding, as NumPy arrays; strides, and diagnostics `per_stride`, in order of their ends."""
     result = jax.tree.map(np.asarray, result)
     padded = np.size(result.time)
-
-    def shorter(leaf: PyTree) -> PyTree:
-        return leaf[:samples] if np.ndim(leaf) and leaf.shape[0] == padded else leaf
-
     by_stride = {name: result.diagnostics[name] for name in per_stride if name in result.diagnostics}
     rest = {name: value for name, value in result.diagnostics.items() if name not in by_stride}
-    tables = (result.strides, result.strides_stddev, by_stride)
-    if result.strides is not None:
-        rows = np.flatnonzero(result.strides.valid)
-        rows = rows[np.argsort(result.strides.end[rows], kind="stable")]
-        tables = jax.tree.map(lambda column: column[rows], tables)
-    bare = result._replace(strides=None, strides_stddev=None, diagnostics=rest)
-    short = jax.tree.map(shorter, bare)
-    return short._replace(
-        strides=tables[0], strides_stddev=tables[1], diagnostics={**short.diagnostics, **tables[2]}
-    )  # fmt: skip
+    strides, stddev = result.strides, result.strides_stddev
+    if strides is not None:
+        rows = np.flatnonzero(strides.valid)
+        rows = rows[np.argsort(strides.end[rows], kind="stable")]
+        strides, stddev, by_stride = jax.tree.map(lambda column: column[rows], (strides, stddev, by_stride))
+    short = jax.tree.map(
+        lambda leaf: leaf[:samples] if leaf.ndim and len(leaf) == padded else leaf,
+        result._replace(strides=None, strides_stddev=None, diagnostics=rest),
+    )
+    return short._replace(strides=strides, strides_stddev=stddev, diagnostics=short.diagnostics | by_stride)
 
 
 def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: Measures) -> P:
@@ -278,8 +261,7 @@ def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: Meas
         ValueError: if `body` contains another name, or a measure is not one number or two.
     """
     body = with_proportions(body, measures)
-    unknown = [name for name in body if name not in measures]
-    if unknown:
+    if unknown := [name for name in body if name not in measures]:
         named = (*measures, "height") if gives(measures) else measures
         takes = " and ".join(filter(None, [", ".join(named[:-1]), named[-1]]))
         raise ValueError(f"{estimator} takes {takes} of a person; got {unknown[0]!r}")
@@ -291,9 +273,7 @@ def with_measures[P](estimator: str, measures: tuple[str, ...], p: P, body: Meas
         both = tuple(value) if isinstance(value, tuple | list) or np.ndim(value) else (value, value)
         if len(both) != 2:
             raise ValueError(f"{name} must be one number or (right, left); got {len(both)} numbers")
-        current = getattr(p, name)
-        if isinstance(current, tuple):
-            return type(current)(*map(number, both))
-        return number(both[0]) if both[0] is both[1] else 0.5 * (number(both[0]) + number(both[1]))
+        pair, current = tuple(map(number, both)), getattr(p, name)
+        return type(current)(*pair) if isinstance(current, tuple) else 0.5 * sum(pair)
 
     return p._replace(**{name: put(name, value) for name, value in body.items()})  # type: ignore[attr-defined]

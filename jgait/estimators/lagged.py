@@ -113,20 +113,10 @@ def over(
     of: Steps, p: PyTree, worn: PyTree, state: LaggedState, gyr: Values, acc: Values, measured: Flags | None = None,
     count: Counts | None = None,
 ) -> tuple[LaggedState, LaggedNow]:  # fmt: skip
-    """The samples (T,) that follow; not compiled, for use in a compiled program.
+    """The state after the samples (T,) that follow, and the results after each; for use in a compiled program.
 
-    Args:
-        of: the estimator's steps.
-        p: its parameters.
-        worn: mounting of the sensor.
-        state: from `begin` or the samples before.
-        gyr: (T, 3) in the sensor's axes [rad/s].
-        acc: (T, 3) [m/s²].
-        measured: (T,) False where a sample was lost; None: all are measured.
-        count: number of samples; later ones are ignored. None: T.
-
-    Returns:
-        The state after the last sample, and the results after each sample.
+    `gyr` (T, 3) [rad/s] and `acc` (T, 3) [m/s²] are in the sensor's axes; `measured` (T,) is False where a sample was
+    lost, None: nowhere. Samples from `count` on are ignored.
     """
     samples = gyr.shape[0]
     there = jnp.ones(samples, bool) if measured is None else measured

@@ -53,23 +53,14 @@ def features(
     gyr: np.ndarray, acc: np.ndarray | None, jumps: tuple[AnyArray, AnyArray], stands: AnyArray, doubtful: AnyArray,
     sampling_rate_hz: float,
 ) -> np.ndarray:  # fmt: skip
-    """The features (T, F) of a sensor, in the order of `FEATURES`.
+    """The features (T, F) of a sensor, in the order of `FEATURES`; raises ValueError without an accelerometer.
 
-    Args:
-        gyr: (T, 3) angular rate without bias [rad/s], finite.
-        acc: (T, 3) specific force [m/s²], finite.
-        jumps: (T,) change of the rate [rad/s] and of the force [m/s²] from sample to sample.
-        stands: (T,) bool, stances of the detector.
-        doubtful: (T,) bool, lost or clipped samples.
-        sampling_rate_hz: rate of the samples [Hz].
-
-    Raises:
-        ValueError: without an accelerometer.
+    `gyr` (T, 3) is without bias [rad/s], `acc` (T, 3) [m/s²]; `jumps` are the changes (T,) of rate and force from
+    sample to sample, `stands` (T,) the stances of the detector, `doubtful` (T,) lost or clipped samples.
     """
     if acc is None:
         raise ValueError("a noise model with features needs an accelerometer; the sensor has a gyroscope alone")
-    turning = (gyr**2).sum(axis=1)
-    centred = acc - acc.mean(axis=0)
+    turning, centred = (gyr**2).sum(axis=1), acc - acc.mean(axis=0)
 
     def of_window(seconds: float) -> list[np.ndarray]:
         size = max(2, round(seconds * sampling_rate_hz))
@@ -103,15 +94,9 @@ def _trailing(values: np.ndarray, size: int) -> np.ndarray:
 POWER = normal(0.0, 4.0)
 """Prior of every weight of `LogLinear`: a power of 4 is that of a detector with a nearly hard threshold."""
 
-HIDDEN = 8
-"""Number of hidden units of `Network`."""
-
-LAGS = (0, 8)
-"""[samples] Each unit takes the features of now and of 8 samples, 40 ms at 200 Hz, before."""
-
 WEIGHT = normal(0.0, 1.0)
 
-_DRAWN = np.random.default_rng(0).normal(size=(len(LAGS) * len(FEATURES), HIDDEN)) / len(FEATURES)
+_DRAWN = np.random.default_rng(0).normal(size=(2 * len(FEATURES), 8)) / len(FEATURES)
 
 
 class Constant(NamedTuple):
@@ -148,19 +133,21 @@ class LogLinear(NamedTuple):
 @documented
 @record
 class Network(NamedTuple):
-    """Weights of one hidden layer, 208 in all. At the start the output is 0; the first layer is drawn, with a fixed
-    seed.
+    """Weights of one hidden layer of 8 units, 208 in all.
+
+    Each unit takes the features of now and of 8 samples, 40 ms at 200 Hz, before. At the start the output is 0; the
+    first layer is drawn, with a fixed seed.
     """
 
     first: Annotated[Param, Parameter(real, "1", "weights (inputs, units) of the first layer", WEIGHT)] = _DRAWN
-    shift: Annotated[Param, Parameter(real, "1", "(units,) added to the first layer", WEIGHT)] = np.zeros(HIDDEN)
-    last: Annotated[Param, Parameter(real, "1", "weights (units,) of the output", WEIGHT)] = np.zeros(HIDDEN)
+    shift: Annotated[Param, Parameter(real, "1", "(units,) added to the first layer", WEIGHT)] = np.zeros(8)
+    last: Annotated[Param, Parameter(real, "1", "weights (units,) of the output", WEIGHT)] = np.zeros(8)
 
     def log_scale(self, columns: Values) -> Values:
         """wᵀ tanh(W [φ_k, φ_{k−8}] + c) (T,) for features (T, F); before the first sample the first is repeated."""
-        before = [jnp.concatenate([jnp.repeat(columns[:1], lag, axis=0), columns])[: len(columns)] for lag in LAGS]
+        before = jnp.concatenate([jnp.repeat(columns[:1], 8, axis=0), columns])[: len(columns)]
         first, shift, last = (jnp.asarray(leaf, columns.dtype) for leaf in self)
-        return jnp.tanh(jnp.concatenate(before, axis=1) @ first + shift[None, :]) @ last
+        return jnp.tanh(jnp.concatenate([columns, before], axis=1) @ first + shift[None, :]) @ last
 
 
 type NoiseModel = Constant | LogLinear | Network

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.notes import Kind, Note
-from jgait.types import SIDES, Estimate, LegTrajectory, Strides, as_float
+from jgait.types import SIDES, Estimate, Strides, as_float
 
 LONGEST_STRIDE = 2.5
 """[m] Longest stride of walking: race walkers take 2.4 m."""
@@ -25,11 +25,9 @@ QUICK_S = 0.75
 """[s] Strides that last less are of running (160 steps a minute), or of small children, see `STRIDES_QUICK` of
 `ankle_stride`."""
 
-KNEE_DEG = (-20.0, 160.0)
-"""[deg] Smallest and largest knee angle of a person, with a margin of 10° and more for a wrong zero."""
-
-KNEE_SHARE = 0.01
-"""[1] Share of a leg's valid samples with such knee angles above which they are reported."""
+KNEE_DEG, KNEE_SHARE = (-20.0, 160.0), 0.01
+"""[deg] Smallest and largest knee angle of a person, with a margin of 10° and more for a wrong zero; [1] share of a
+leg's valid samples with other angles above which they are reported."""
 
 KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
 """[deg] Largest range of a stiff knee, and least range of its hip, from the 1st to the 99th percentile."""
@@ -58,13 +56,12 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
     notes: list[Note] = []
     if estimate.strides is not None:
         notes += _strides(estimate.strides, estimate.strides_stddev)
+    worn = np.asarray(estimate.valid, bool)
     for side, knee in knees(estimate).items():
         notes += knee_notes(estimate, side)
-        if knee.lost:
-            continue
-        leg, worn = getattr(estimate.legs, side), np.asarray(estimate.valid, bool)
+        leg = getattr(estimate.legs, side)
         angles = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
-        moves = [float(np.ptp(np.percentile(angle, (1, 99)))) if angle.size else 0.0 for angle in angles]
+        moves = [0.0 if knee.lost or not a.size else float(np.ptp(np.percentile(a, (1, 99)))) for a in angles]
         if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
             text = (
                 "{side}: the knee moves by {knee:.0f}° only, while the hip swings by {hip:.0f}°: both sensors can "
@@ -83,34 +80,35 @@ class Knee(NamedTuple):
 
     lost: int  #: number of samples with an angle that is not finite.
     implausible: bool  #: True if the knee bends as none does in more than `KNEE_SHARE` of the samples.
+    angle: np.ndarray  #: the angles [°].
+    share: float  #: share of the samples in which the knee bends as none does [1].
 
 
 def knees(estimate: Estimate) -> dict[str, Knee]:
     """Side → what is wrong with its knee angles, of each measured leg."""
-    measured = {}
+    measured, worn = {}, np.asarray(estimate.valid, bool)
     for side in SIDES:
         if (leg := getattr(estimate.legs, side)) is not None:
-            worn = np.asarray(estimate.valid, bool)
-            lost = int(np.sum(~np.isfinite(as_float(leg.knee_angle)[worn])))
-            beyond = knee_beyond(leg)[worn]
-            measured[side] = Knee(lost, not lost and beyond.size > 0 and bool(beyond.mean() > KNEE_SHARE))
+            angle = np.rad2deg(as_float(leg.knee_angle)[worn])
+            lost, beyond = int(np.sum(~np.isfinite(angle))), (angle < KNEE_DEG[0]) | (angle > KNEE_DEG[1])
+            share = float(beyond.mean()) if beyond.size else 0.0
+            measured[side] = Knee(lost, not lost and share > KNEE_SHARE, angle, share)
     return measured
 
 
 def knee_notes(estimate: Estimate, side: str) -> list[Note]:
-    """A note on a measured leg if its knee bends as none does, or its angles are not finite."""
-    measured = knees(estimate).get(side)
-    if measured is None or not (measured.lost or measured.implausible):
-        return []
-    if measured.lost:
+    """A note on a leg if it is measured, and its knee bends as none does, or its angles are not finite."""
+    knee = knees(estimate).get(side)
+    if knee is not None and knee.lost:
         text = "{side}: {samples} valid {samples:sample|samples} of the knee {samples:is|are} not finite"
-        return [KNEE_IMPLAUSIBLE.note(text, side=side, samples=measured.lost)]
-    leg, worn = getattr(estimate.legs, side), np.asarray(estimate.valid, bool)
-    knee, share = np.rad2deg(as_float(leg.knee_angle)[worn]), 100.0 * knee_beyond(leg)[worn].mean()
+        return [KNEE_IMPLAUSIBLE.note(text, side=side, samples=knee.lost)]
+    if knee is None or not knee.implausible:
+        return []
     text = (
         "{side}: the knee reaches {low:.0f} to {high:.0f}°; {percent:.0f} % of its samples are beyond what a knee does"
     )
-    return [KNEE_IMPLAUSIBLE.note(text, side=side, low=knee.min(), high=knee.max(), percent=max(share, 1.0))]
+    reaches = {"low": knee.angle.min(), "high": knee.angle.max(), "percent": max(100.0 * knee.share, 1.0)}
+    return [KNEE_IMPLAUSIBLE.note(text, side=side, **reaches)]
 
 
 def _walked(estimate: Estimate) -> tuple[float, float]:
@@ -125,12 +123,6 @@ def too_fast(estimate: Estimate) -> bool:
         return False
     distance, seconds = _walked(estimate)
     return not distance <= FASTEST_RUN * max(seconds, 1.0)
-
-
-def knee_beyond(leg: LegTrajectory) -> np.ndarray:
-    """(T,) bool, samples with knee angles that no person has."""
-    knee = np.rad2deg(as_float(leg.knee_angle))
-    return np.asarray((knee < KNEE_DEG[0]) | (knee > KNEE_DEG[1]))
 
 
 def distance_implausible(estimate: Estimate) -> bool:

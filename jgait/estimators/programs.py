@@ -48,7 +48,7 @@ class _Store:
     """Where programs are kept, and what is called before a program is compiled."""
 
     folder: Path | None = None
-    compiling: Callable[[], None] | None = None
+    compiling: Callable[[], None] = lambda: None
 
 
 def keep(folder: Path | None) -> None:
@@ -64,7 +64,7 @@ def keep(folder: Path | None) -> None:
 
 def before_compiling(call: Callable[[], None] | None) -> None:
     """Call a function before each program that is made because the folder does not have it."""
-    _Store.compiling = call
+    _Store.compiling = call or (lambda: None)
 
 
 @functools.cache
@@ -116,8 +116,7 @@ class Program:
         key = (structure, shapes, tuple(sorted(static.items())), bool(jax.config.jax_enable_x64), device)
         program = self._ready.get(key) or self._kept(key, arrays, static)
         if program is None:
-            if _Store.compiling is not None:
-                _Store.compiling()
+            _Store.compiling()
             program = jax.jit(self.of(static), compiler_options=self._options()).lower(*arrays).compile()
         self._ready[key] = program
         return on_host(program(*arrays))
@@ -138,8 +137,7 @@ class Program:
         leaves, structure = jax.tree.flatten(arrays)
         kept = _read(file)
         if kept is None:
-            if _Store.compiling is not None:
-                _Store.compiling()
+            _Store.compiling()
             outputs: list[PyTreeDef] = []
 
             def flat(*leaves: PyTree) -> list[PyTree]:

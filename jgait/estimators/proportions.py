@@ -57,10 +57,9 @@ def gives(wanted: Collection[str]) -> bool:
 
 
 def in_metres(body: Mapping[str, PyTree]) -> dict[str, PyTree]:
-    """The measures of a person by their names: columns of tables have the unit behind the name, as "height_m".
+    """The measures of a person by their names, without the unit that columns of tables have behind them ("height_m").
 
-    Raises:
-        ValueError: if a measure is given under both names.
+    Raises ValueError if a measure is given under both names.
     """
     known = {name.removesuffix("_m"): value for name, value in body.items()}
     if len(known) < len(body):
@@ -70,15 +69,10 @@ def in_metres(body: Mapping[str, PyTree]) -> dict[str, PyTree]:
 
 
 def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dict[str, PyTree]:
-    """The measures of a person, with those that follow from the height.
+    """The measures of a person, with those of the `wanted` ones that follow from "height" [m].
 
-    Args:
-        body: name → value, perhaps "height" [m].
-        wanted: names of the measures that an estimator takes. If "height" is not among them it is left out, unless it
-            gives none of them.
-
-    Raises:
-        ValueError: if the height is outside `HEIGHTS`.
+    A height that is not wanted is left out, unless no wanted measure follows from it. Raises ValueError if the height
+    is outside `HEIGHTS`.
     """
     known = in_metres(body)
     height = known.get("height")
@@ -88,7 +82,7 @@ def with_proportions(body: Mapping[str, PyTree], wanted: Collection[str]) -> dic
         raise ValueError(wrong)
     if "height" not in wanted:
         del known["height"]
-    return {**{name: share * height for name, share in SHARES.items() if name in wanted}, **known}
+    return {name: share * height for name, share in SHARES.items() if name in wanted} | known
 
 
 def height_notes(body: Mapping[str, PyTree], wanted: Collection[str]) -> tuple[Note, ...]:

@@ -36,14 +36,10 @@ class RepairedReadings(NamedTuple):
 def readings(
     imu: Imu, time: np.ndarray, clips_above: tuple[float, float], doubt: tuple[float, float], least: int = 2
 ) -> RepairedReadings:
-    """The readings of a sensor with an accelerometer, of which at least one sample was measured.
+    """The readings of a sensor with an accelerometer, of which at least one sample was measured at `time` (T,) [s].
 
-    Args:
-        imu: the sensor.
-        time: (T,) [s].
-        clips_above: `least` equal samples or more at the maximum of an axis clip above these values [rad/s, m/s²].
-        doubt: standard deviations of clipped samples that cannot be restored [rad/s, m/s²].
-        least: see `clips_above`.
+    `least` equal samples or more at the maximum of an axis clip above `clips_above` [rad/s, m/s²]; `doubt` are standard
+    deviations of clipped samples that cannot be restored [rad/s, m/s²].
     """
     mask = np.asarray(imu.mask, bool)
     gyr, acc = (over_losses(time, values, mask) for values in (imu.gyr, imu.acc))

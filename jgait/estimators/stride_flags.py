@@ -1,6 +1,6 @@
 """Flags of strides, for all estimators: turns, stairs, clipped swings, half and uneven strides, uncertain numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import ModuleType
 
 import numpy as np
@@ -23,9 +23,10 @@ SHORT_STRIDE = 0.8
 AS_FAR = 0.1
 """[1] Largest relative difference between distance gained and stride length at which the two are compared."""
 
-UNEVEN, AROUND = 1.5, 3
+UNEVEN, AROUND, FEWEST_STRIDES = 1.5, 3, 3
 """[1] Largest ratio between the duration of an even stride and the median of the `AROUND` strides before and after it,
-of both legs. Chosen: steady strides differ by some hundredths, a stride with a pause by far more."""
+of both legs; of fewer than `FEWEST_STRIDES` there is none. Chosen: steady strides differ by some hundredths, a stride
+with a pause by far more."""
 
 FEW = 10
 """Smallest number of regular strides without a note that means are uncertain."""
@@ -34,9 +35,6 @@ FEW_REGULAR = Kind(
     "few_regular_strides", "check", "only {strides} regular {strides:stride|strides}",
     "Means and standard deviations of few strides vary from walk to walk; a longer walk makes them firm.",
 )  # fmt: skip
-
-FEWEST_STRIDES = 3
-"""Least number of strides around a stride for a judgement of its duration."""
 
 
 def stated(estimate: Estimate, name: str) -> np.ndarray | None:
@@ -155,14 +153,16 @@ def _stairs(estimate: Estimate) -> Flags:
     return climbs if doubtful is None else climbs & ~doubtful
 
 
-def _half(estimate: Estimate) -> Flags:
-    known, strides = stated(estimate, "half"), estimate.strides
+def _with_stated(
+    estimate: Estimate, name: str, detected: Callable[[Strides, np.ndarray], np.ndarray]
+) -> np.ndarray | None:
+    """(strides,) bool, the flag as stated, and as a function of the strides and their order detects it in the rows."""
+    known, strides = stated(estimate, name), estimate.strides
     if strides.start is None or strides.end is None:
         return known
-    order = in_order(estimate)
-    half = np.zeros(np.size(strides.side), bool)
-    half[order] = half_strides(strides, order)
-    return half if known is None else known | half
+    flags, order = np.zeros(np.size(strides.side), bool), in_order(estimate)
+    flags[order] = detected(strides, order)
+    return flags if known is None else known | flags
 
 
 def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
@@ -185,16 +185,6 @@ def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
         usual = np.median(inner) if inner.size else length[known].max()
         half |= ends & (length < SHORT_STRIDE * usual)
     return half
-
-
-def _uneven(estimate: Estimate) -> Flags:
-    strides = estimate.strides
-    if strides.start is None or strides.end is None:
-        return None
-    known, order = stated(estimate, "uneven"), in_order(estimate)
-    uneven = np.zeros(np.size(strides.side), bool)
-    uneven[order] = uneven_strides(durations(strides)[order])
-    return uneven if known is None else known | uneven
 
 
 def uneven_strides(lasts: np.ndarray) -> np.ndarray:
@@ -237,13 +227,14 @@ CLIPPED = StrideFlag(
 HALF = StrideFlag(
     "half", "half-step", "half-step",
     "Strides from standing, which no initial contact begins, and short ones from or to standing; not in the means.",
-    _half, EVERY, "info",
+    lambda estimate: _with_stated(estimate, "half", half_strides), EVERY, "info",
 )  # fmt: skip
 UNEVEN_DURATION = StrideFlag(
     "uneven", "uneven", "uneven",
     "The stride lasts much longer or less long than those around it: it contains a pause, a turn on the spot or two "
     "strides, or it is a part of a stride. Not in the means.",
-    _uneven, EVERY,
+    lambda estimate: _with_stated(estimate, "uneven", lambda strides, rows: uneven_strides(durations(strides)[rows])),
+    EVERY,
 )  # fmt: skip
 UNSURE = StrideFlag(
     "unsure", "speed by integration unsure", "speed unsure",
@@ -267,9 +258,7 @@ WIDTH = StrideFlag(
     _width, ("stride_width_m", "step_length_m"),
 )  # fmt: skip
 
-STRIDES_UNEVEN = Kind(
-    "strides_uneven", "check", "{uneven} of {strides} strides: uneven", UNEVEN_DURATION.meaning
-)  # fmt: skip
+STRIDES_UNEVEN = Kind("strides_uneven", "check", "{uneven} of {strides} strides: uneven", UNEVEN_DURATION.meaning)
 
 STRIDE_FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, UNSURE, SIDE_UNKNOWN, DOUBTFUL, WIDTH)
 """All flags, for estimates of an unknown estimator."""

@@ -1,5 +1,7 @@
 """Measures, totals and figures that several estimators share in their `about`."""
 
+import itertools
+
 import numpy as np
 import numpy.typing as npt
 from jaxtyping import PyTree
@@ -18,15 +20,13 @@ PIVOT = BodyMeasure(
     "pivot_height", "m", 0.0, 0.3, "height of the sensor over the ball of the foot", "--pivot", 0.08
 )  # fmt: skip
 
-LEVELS: dict[str, bool | str] = {"auto": "auto", "yes": True, "no": False}
-"""Word of the command line → `FootOptions.level`."""
-
 
 def level_of(text: str) -> bool | str:
-    """`FootOptions.level` for a word of the command line. Raises ValueError if the word is not in `LEVELS`."""
-    if text not in LEVELS:
-        raise ValueError(f"--option level is {', '.join(LEVELS)}; got {text!r}")
-    return LEVELS[text]
+    """`FootOptions.level` for a word of the command line. Raises ValueError for another word."""
+    levels: dict[str, bool | str] = {"auto": "auto", "yes": True, "no": False}
+    if text not in levels:
+        raise ValueError(f"--option level is {', '.join(levels)}; got {text!r}")
+    return levels[text]
 
 
 LEVEL = CommandOption(
@@ -66,10 +66,9 @@ def distance_of(estimate: Estimate) -> tuple[float, float | None] | None:
 def joint_ranges(estimate: Estimate) -> dict[str, tuple[float, float] | None]:
     """Joint and side → smallest and largest flexion [°] where it is stated; None where it never is."""
     ranges: dict[str, tuple[float, float] | None] = {}
-    for side in SIDES:
-        for joint in ("hip", "knee"):
-            angle = stated_angle(estimate, side, joint)
-            ranges[f"{joint} {side}"] = (float(angle.min()), float(angle.max())) if angle.size else None
+    for side, joint in itertools.product(SIDES, ("hip", "knee")):
+        angle = stated_angle(estimate, side, joint)
+        ranges[f"{joint} {side}"] = (float(angle.min()), float(angle.max())) if angle.size else None
     return ranges
 
 
@@ -77,8 +76,8 @@ def stated_angle(estimate: Estimate, side: str, joint: str) -> np.ndarray:
     """(n,) flexion of a joint, "hip" or "knee", at the samples at which it is stated, before a sensor slipped [°]."""
     if (leg := getattr(estimate.legs, side)) is None:
         return np.zeros(0)
-    angle = np.degrees(as_float(getattr(leg, f"{joint}_angle")))
-    holds = np.asarray(estimate.valid, bool) & ~np.asarray(estimate.diagnostics.get(f"slipped_{side}", False), bool)
+    angle, slipped = np.degrees(as_float(getattr(leg, f"{joint}_angle"))), estimate.diagnostics.get(f"slipped_{side}")
+    holds = np.asarray(estimate.valid, bool) & (slipped is None or ~np.asarray(slipped, bool))
     return np.asarray(angle[holds & np.isfinite(angle)])
 
 

@@ -61,9 +61,8 @@ def walking_alone(recording: Recording) -> Walking:
     runs, kinds = _stretches(moved)
     if not runs:
         return Walking(recording._replace(moves=()), (), ())
-    rests = ~moved.carried & np.stack([moved.quiet & _upright(imu, moved) for imu in recording.sensors.values()]).all(
-        axis=0
-    )
+    upright = np.all([_upright(imu, moved) for imu in recording.sensors.values()], axis=0)
+    rests = ~moved.carried & moved.quiet & upright
     runs, kinds = _joined([_with_sitting(run, moved.quiet | moved.carried, rests) for run in runs], kinds)
     sensors = {name: _stood(imu, moved, runs, rests) for name, imu in recording.sensors.items()}
     spans = tuple((float(moved.time[a]), float(moved.time[b - 1])) for a, b in runs)
@@ -71,11 +70,8 @@ def walking_alone(recording: Recording) -> Walking:
     notes = []
     for kind in dict.fromkeys(kinds):
         of = [span for span, each in zip(spans, kinds, strict=True) if each == kind]
-        notes.append(
-            NOT_WALKING(
-                does=KINDS[kind], seconds=sum(b - a for a, b in of), begin_s=of[0][0] - begin, end_s=of[-1][1] - begin
-            )
-        )
+        seconds, begin_s, end_s = sum(b - a for a, b in of), of[0][0] - begin, of[-1][1] - begin
+        notes.append(NOT_WALKING(does=KINDS[kind], seconds=seconds, begin_s=begin_s, end_s=end_s))
     apart = recording.feet_range
     if apart is not None:
         apart = apart._replace(mask=np.asarray(apart.mask, bool) & ~inside(as_float(apart.time), spans))
@@ -110,10 +106,8 @@ def _stretches(moved: Activity) -> tuple[list[tuple[int, int]], list[str]]:
 
 def _upright(imu: Imu, moved: Activity) -> np.ndarray:
     """(N,) bool, the sensor's mean force over half a second is near that in walking; all if nobody walks."""
-    time, acc = as_float(imu.time), as_float(imu.acc)
-    slow = np.stack(
-        [np.convolve(np.interp(moved.time, time, column), np.full(11, 1 / 11), "same") for column in acc.T], 1
-    )
+    on_grid = [np.interp(moved.time, as_float(imu.time), column) for column in as_float(imu.acc).T]
+    slow = np.stack([np.convolve(column, np.full(11, 1 / 11), "same") for column in on_grid], 1)
     walks = ~moved.quiet & ~moved.carried & (moved.probability["walking"] > WALKS)
     if walks.sum() * STEP_S < LEAST_S:
         return np.ones(len(moved.time), bool)
@@ -134,8 +128,7 @@ def _with_sitting(run: tuple[int, int], quiet: np.ndarray, rests: np.ndarray) ->
 
 def _joined(runs: list[tuple[int, int]], kinds: list[str]) -> tuple[list[tuple[int, int]], list[str]]:
     """The stretches in order, those with hardly any standing between them as one, of the kind of the longest."""
-    joined: list[tuple[int, int]] = []
-    of: list[tuple[int, str]] = []
+    joined, of = list[tuple[int, int]](), list[tuple[int, str]]()
     for (a, b), kind in sorted(zip(runs, kinds, strict=True)):
         if joined and a <= joined[-1][1] + PAUSE_S / STEP_S:
             joined[-1] = joined[-1][0], max(b, joined[-1][1])
@@ -222,11 +215,9 @@ WALKING_CUT = Kind(
 
 
 def cut_off(estimate: Estimate, sensors: Mapping[int, tuple[str, AnyArray]]) -> dict[str, SensorQuality]:
-    """Walking before the first and after the last stride of each sensor.
+    """Walking before the first and after the last stride of each sensor, from an estimate without padding.
 
-    Args:
-        estimate: without padding, with strides.
-        sensors: side → placement, and angular rate (T,) or (T, 3) of its sensor, without bias [rad/s].
+    `sensors` are side → placement, and angular rate (T,) or (T, 3) of its sensor, without bias [rad/s].
     """
     cuts = {placement: unseen(estimate, side, gyr) for side, (placement, gyr) in sensors.items()}
     return {
@@ -249,8 +240,6 @@ def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:
     """Duration of walking before the first and after the last stride of a side [s]; 0 where the person stands."""
     strides, time = estimate.strides, as_float(estimate.time)
     mine = np.flatnonzero((np.asarray(strides.side) == side) & np.asarray(strides.valid, bool))
-    if not len(mine):
-        return 0.0, 0.0
     leaves, lands, length = (as_float(part)[mine] for part in (strides.final_contact, strides.end, strides.length))
     known = durations(strides)[mine]
     if not np.isfinite(known).any():

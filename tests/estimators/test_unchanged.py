@@ -31,17 +31,11 @@ ASLEEP = duty_cycled_gyro.DEFAULT._replace(schedule=0.5, warm_up=6.0)
 
 
 class Part(NamedTuple):
-    """Which recordings of a data set, and how much of each.
+    """Which recordings of a data set, and how much of each."""
 
-    Attributes:
-        names: of the recordings.
-        seconds: length of the part from the first sample [s]; None: the whole recording.
-        estimators: which can use them.
-    """
-
-    names: tuple[str, ...]
-    seconds: float | None
-    estimators: tuple[str, ...]
+    names: tuple[str, ...]  #: of the recordings.
+    seconds: float | None  #: length of the part from the first sample [s]; None: the whole recording.
+    estimators: tuple[str, ...]  #: which can use them.
 
 
 PARTS = {
