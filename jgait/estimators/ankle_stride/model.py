@@ -83,8 +83,9 @@ def transition_noise(p: FootModelParams, s: AnkleState, u: AnkleControl, dt: Val
     The ankle's displacement from noise of the rate times the lever is left out: a fifth of a millimetre a stride.
     """
     foot_noise = foot_model.transition_noise(p, FootState(*s[:5]), u.over, dt)
-    crossed = {("position", "velocity"): foot_noise["position", "velocity"]}
-    return Covariance.from_variances(AnkleError(*foot_noise.variances(), lever=1e-18)).with_entries(crossed)
+    v, crossed = foot_noise.variances(), {("position", "velocity"): foot_noise["position", "velocity"]}
+    every = AnkleError(v.position, v.velocity, v.attitude, v.gyr_bias, v.acc_bias, 1e-18)
+    return Covariance.from_variances(every).with_entries(crossed)
 
 
 def observation(p: FootModelParams, s: AnkleState, u: AnkleControl) -> AnkleObservation:

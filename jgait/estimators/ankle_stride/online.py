@@ -148,73 +148,57 @@ def _prior(p: AnkleParams, worn: Worn, x: Values) -> Belief:
     return standing_prior(p, worn, as_array(attitude), x[:3]).joined()
 
 
-def _seen(
-    worn: Worn, low_passes: tuple[PyTree, ...], state: AnkleDetector, gyr: Values, acc: Values, measured: Flags
-) -> tuple[AnkleDetector, Values]:
-    """The state after event detection at the newest sample, and the row (10,) for the history."""
-    there, (hold, landing, calm, _) = jnp.asarray(measured), worn.samples
-    x = jnp.where(there, _reading(worn, gyr, acc), state.last[1])
-    index = state.index + 1
-    rates = x[:3] - worn.gyr_bias
-    (signals, smooth), (stance, slowly), (sagittal, rate) = (
-        butterworth.step(cascade, before, values)
-        for cascade, before, values in zip(low_passes, state.low_passed, (x, rates, rates[1]), strict=True)
-    )
-    time = index.astype(x.dtype) / worn.rate_hz
-    swings, swing_events = shank_events.swing_step(shank_events.LOBES, state.swings, rate, time)
-    leaves = (swings.phase == shank_events.TOE_OFF) | (swings.phase == shank_events.SWING)
-    phase = shank_stance.Phase(swing_events.stride, leaves)
-    valley, lasted = shank_stance.step(state.valley, index, slowly[1], phase, hold, landing)
-    turns_slowly = jnp.sum(slowly * slowly) < STANDING**2
-    slow = jnp.where(turns_slowly, jnp.minimum(state.slow, calm) + 1, 0).astype(jnp.int32)
-    change = 0.5 * (x - state.last[0]).reshape(2, 3)
-    jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
-    jump = jnp.max(jumps[: worn.lengths[2].shape[-1]], axis=0)
-    late = butterworth.delay(shank_events.LOBES.cutoff_hz, worn.rate_hz)
-    swung = OnlineSwing(
-        leaves=jnp.where(swing_events.stride & ~state.swung.any, swing_events.start - late, state.swung.leaves),
-        lands=jnp.where(swing_events.stride, swing_events.end - late, state.swung.lands),
-        known=jnp.where(swing_events.stride, index, state.swung.known),
-        any=state.swung.any | swing_events.stride,
-    )
-    after = state._replace(
-        index=index, last=jnp.stack([state.last[1], x]), low_passed=(signals, stance, sagittal), swings=swings,
-        valley=valley, stood=jnp.where(lasted, valley.at, state.stood), slow=slow, jumps=jumps, swung=swung,
-    )  # fmt: skip
-    return after, jnp.concatenate(
-        [smooth, jump, jnp.where(there, 0.0, 1.0)[None], (slow >= calm)[None].astype(x.dtype)]
-    )
-
-
 def _decide(
     worn: Worn, low_passes: tuple[PyTree, ...], state: AnkleDetector, sample: tuple[Values, Values, Values]
 ) -> tuple[AnkleDetector, LaggedSample]:
     """One sample: detection of swing and stance at the newest sample, and what follows for the filter's sample."""
-    state, newest = _seen(worn, low_passes, state, *sample)
-    rows, index = state.history.shape[0], state.index
-    row = state.history[index % rows]
-    calm = state.history[(index + worn.shift) % rows, 9] > 0.0
-    full = index >= rows
-    # the sample of the stance rates that was measured at the time of the filter's sample
-    looked = index - rows + worn.shift
-    near = full & (jnp.abs(looked - state.stood) <= worn.samples[3])
-    stands = (near | (calm & full)) & (row[8] == 0.0)
+    gyr, acc, measured = sample
+    there, (hold, landing, calm, reach) = jnp.asarray(measured), worn.samples
+    x = jnp.where(there, _reading(worn, gyr, acc), state.last[1])
+    index, rates = state.index + 1, x[:3] - worn.gyr_bias
+    low_passed, (smooth, slowly, rate) = zip(
+        *map(butterworth.step, low_passes, state.low_passed, (x, rates, rates[1])), strict=True
+    )
+    time = index.astype(x.dtype) / worn.rate_hz
+    swings, found = shank_events.swing_step(shank_events.LOBES, state.swings, rate, time)
+    leaves = (swings.phase == shank_events.TOE_OFF) | (swings.phase == shank_events.SWING)
+    phase = shank_stance.Phase(found.stride, leaves)
+    valley, lasted = shank_stance.step(state.valley, index, slowly[1], phase, hold, landing)
+    stood = jnp.where(lasted, valley.at, state.stood)
+    turns_slowly = jnp.sum(slowly * slowly) < STANDING**2
+    slow = jnp.where(turns_slowly, jnp.minimum(state.slow, calm) + 1, 0).astype(jnp.int32)
+    change = 0.5 * (x - state.last[0]).reshape(2, 3)
+    jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
+    late = butterworth.delay(shank_events.LOBES.cutoff_hz, worn.rate_hz)
+    swung = OnlineSwing(
+        leaves=jnp.where(found.stride & ~state.swung.any, found.start - late, state.swung.leaves),
+        lands=jnp.where(found.stride, found.end - late, state.swung.lands),
+        known=jnp.where(found.stride, index, state.swung.known),
+        any=state.swung.any | found.stride,
+    )
+    # the filter's sample, the oldest stored one, and the sample of the stance rates that was measured at its time
+    rows = state.history.shape[0]
+    row, looked, full = state.history[index % rows], index - rows + worn.shift, index >= rows
+    calmly = full & (state.history[(index + worn.shift) % rows, 9] > 0.0)
+    near = full & (jnp.abs(looked - stood) <= reach)
+    stands = (near | calmly) & (row[8] == 0.0)
     started = state.started | stands
-    passed = near & (looked == state.stood + worn.samples[3])
-    instant = started & (passed | (calm & full))
-    ends = instant & state.swung.any & (looked >= state.swung.known)
+    passed = near & (looked == stood + reach)
+    instant = started & (passed | calmly)
+    ends = instant & swung.any & (looked >= swung.known)
     lost = state.lost + (row[8] > 0.0).astype(row.dtype) / worn.rate_hz
     lagged_sample = LaggedSample(
-        row[:6], row[6:8], row[3:6], row[8], lost, stands, state.started, instant,
-        (~passed, ends, state.swung, state.landed),
-    )  # fmt: skip
+        row[:6], row[6:8], row[3:6], row[8], lost, stands, state.started, instant, (~passed, ends, swung, state.landed)
+    )
+    flags = jnp.stack([~there, slow >= calm]).astype(x.dtype)
+    newest = jnp.concatenate([smooth, jnp.max(jumps[: worn.lengths[2].shape[-1]], axis=0), flags])
     # all rows are written: setting one would be a scatter, which XLA does not compile as a part of a loop
     history = jnp.where(jnp.arange(rows, dtype=index.dtype)[:, None] == index % rows, newest[None], state.history)
-    after = state._replace(
-        history=history, started=started, swung=state.swung._replace(any=state.swung.any & ~ends),
-        landed=jnp.where(ends, state.swung.lands, state.landed), lost=jnp.where(instant, 0.0, lost),
-    )  # fmt: skip
-    return after, lagged_sample
+    return AnkleDetector(
+        index, jnp.stack([state.last[1], x]), low_passed, swings, jumps, history, valley, stood, slow,
+        swung._replace(any=swung.any & ~ends), started, jnp.where(ends, swung.lands, state.landed),
+        jnp.where(instant, 0.0, lost),
+    ), lagged_sample  # fmt: skip
 
 
 def _filtered(p: AnkleParams, signals: LaggedSignals, stands: Flags, belief: Belief) -> filtering.Posterior:

@@ -54,11 +54,8 @@ def rates(
     """The rates of the errors of both headings; None if a foot has fewer than `FEWEST_FOOTHOLDS` footholds while the
     other one walks, or if the ways contradict each other.
 
-    Args:
-        time: (T,) [s].
-        ways: (T,) horizontal position x + iy of the right and of the left foot [m], each in a frame of its own.
-        steps: samples of the footholds of each, in order.
-        sd: prior standard deviations of both rates [rad/s].
+    `ways` are horizontal positions x + iy (T,) of the right and of the left foot [m], each in a frame of its own,
+    `steps` the samples of their footholds, and `sd` the prior standard deviations of both rates [rad/s].
     """
     since, until = (pick(steps[0][end], steps[1][end]) for pick, end in ((max, 0), (min, -1)))
     at = np.unique(np.concatenate(steps))
@@ -77,9 +74,9 @@ def rates(
         here = turned_way(left, unknown[0] * t + unknown[1])
         later = np.concatenate([[0.0], np.cumsum(0.5j * (t[1:] + t[:-1]) * np.diff(here))])
         ones = np.ones_like(t)
-        columns = _parts(np.stack([later, 1j * here, ones, 1j * ones, -beside], axis=1))
-        information = columns.T @ columns / APART**2 + weight
-        right_side = columns.T @ _parts(right - here) / APART**2
+        columns = np.stack([later, 1j * here, ones, 1j * ones, -beside], axis=1)
+        information = (columns.conj().T @ columns).real / APART**2 + weight
+        right_side = (columns.conj().T @ (right - here)).real / APART**2
         right_side[0] -= unknown[0] / prior
         unknown = unknown + np.linalg.solve(information, right_side)[:2]
     remaining = float(np.linalg.inv(information)[0, 0]) / prior
@@ -87,11 +84,6 @@ def rates(
         return None
     share = sd[0] ** 2 / prior
     return Rates(share * unknown[0], (share - 1.0) * unknown[0], remaining)
-
-
-def _parts(values: np.ndarray) -> np.ndarray:
-    """Real parts, and imaginary parts after them."""
-    return np.concatenate([values.real, values.imag])
 
 
 def turned_way(way: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -104,7 +96,11 @@ def together(result: Estimate) -> Estimate:
 
     Ways, velocities, attitudes and turns change by the rates of `rates`, and so do deviations of the headings.
     """
-    feet, spread, strides = _both(result.feet), _both(result.feet_stddev), result.strides
+    feet, spread = (
+        [FootTrajectory(*(np.asarray(part, np.float64) for part in foot)) for foot in both or () if foot is not None]
+        for both in (result.feet, result.feet_stddev)
+    )
+    strides = result.strides
     assert strides is not None
     time = np.asarray(result.time, np.float64)
     steps = [np.asarray(result.diagnostics[f"footholds_{side}"]) for side in SIDES]
@@ -121,7 +117,7 @@ def together(result: Estimate) -> Estimate:
     moved, known, turn = [], [], np.array(strides.turn, np.float64)
     for side, (foot, deviation, stands) in enumerate(zip(feet, spread, steps, strict=True)):
         since = np.maximum(time - time[stands[0]], 0.0)
-        moved.append(_without(foot, drift[side] * since))
+        moved.append(_turned_back(foot, drift[side] * since))
         less = 1.0 - sd[side] ** 2 / (sd[0] ** 2 + sd[1] ** 2) * (1.0 - drift.remaining)
         known.append(deviation._replace(orientation=deviation.orientation * [1.0, 1.0, np.sqrt(less)]))
         rows = np.asarray(strides.side) == side
@@ -132,19 +128,14 @@ def together(result: Estimate) -> Estimate:
     return result._replace(feet=feet_now, feet_stddev=spread_now, strides=strides_now)
 
 
-def _both(feet: Feet | None) -> list[FootTrajectory]:
-    """Right and left, as NumPy arrays in double precision."""
-    return [FootTrajectory(*(np.asarray(part, np.float64) for part in foot)) for foot in feet or () if foot is not None]
-
-
 def _horizontal(foot: FootTrajectory) -> np.ndarray:
     """(T,) position x + iy [m]."""
     return np.asarray(foot.position)[:, :2] @ np.array([1.0, 1.0j])
 
 
-def _without(foot: FootTrajectory, angle: np.ndarray) -> FootTrajectory:
+def _turned_back(foot: FootTrajectory, angle: np.ndarray) -> FootTrajectory:
     """A trajectory from its start, turned back by an angle (T,) [rad]."""
-    position, velocity, orientation = (np.asarray(part) for part in foot)
+    x, y, z = np.asarray(foot.position).T
     way = turned_way(_horizontal(foot), -angle)
-    placed = np.column_stack([position[0, 0] + way.real, position[0, 1] + way.imag, position[:, 2]])
-    return FootTrajectory(placed, turned(velocity, -angle), yawed(orientation, -angle))
+    placed = np.column_stack([x[0] + way.real, y[0] + way.imag, z])
+    return FootTrajectory(placed, turned(foot.velocity, -angle), yawed(foot.orientation, -angle))

@@ -140,7 +140,7 @@ def lag(worn: FootWorn) -> int:
 def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> LaggedState:
     """The state after a long time in which each reading equals the first, (3,) in the sensor's axes [rad/s, m/s²]."""
     window, hold, change, after_start, _ = _sizes(worn)
-    row = _reading(gyr, acc, jnp.ones((), bool))
+    row = jnp.concatenate([jnp.asarray(gyr), jnp.asarray(acc), jnp.zeros_like(gyr[:1])])
     zero, none, no = jnp.zeros_like(row[0]), jnp.zeros((), jnp.int32), jnp.zeros((), bool)
     rate = jnp.sqrt(jnp.sum((row[:3] - worn.gyr_bias) ** 2))
     quiet = jnp.zeros(after_start + hold + 2, row.dtype)
@@ -156,12 +156,6 @@ def begin(p: FootParams, worn: FootWorn, gyr: Values, acc: Values) -> LaggedStat
 def _not_swung(time: Values) -> FootSwing:
     zero = jnp.zeros_like(time)
     return FootSwing(jnp.zeros((), bool), zero, zero, time, zero, time, time, time, zero)
-
-
-def _reading(gyr: Values, acc: Values, measured: Flags) -> Values:
-    """(7,) a sample as it is stored."""
-    lost = jnp.where(measured, 0.0, 1.0).astype(jnp.asarray(gyr).dtype)
-    return jnp.concatenate([jnp.asarray(gyr), jnp.asarray(acc), lost[None]])
 
 
 def _prior(p: FootParams, worn: FootWorn, reading: Values) -> Belief:
@@ -202,13 +196,6 @@ def _unrest(worn: FootWorn, samples: Values) -> Values:
     return jnp.sqrt(turning + spread / JOLT**2)
 
 
-def _largest_changes(readings: Values, window: int, at: int) -> Values:
-    """(2,) largest change of rate and force between samples over a window about the sample `at` of (n, 6)."""
-    near = readings[at - window // 2 - 1 : at + window // 2 + 2]
-    change = 0.5 * (near[2:] - near[:-2]).reshape(window, 2, 3)
-    return jnp.sqrt(jnp.max(jnp.sum(change * change, axis=2), axis=0))
-
-
 def _swung(
     worn: FootWorn, swing: FootSwing, row: Values, before: Values, time: Values, unrest: Values, stands: Flags
 ) -> FootSwing:
@@ -241,10 +228,9 @@ def _decide(
     """One sample: the detector at the middle of its newest window, and what follows for the filter's sample."""
     gyr, acc, there = sample
     *_, change, k, before_end = _sizes(worn)
-    newest = jnp.where(there, _reading(gyr, acc, there), state.samples[-1].at[6].set(1.0))
-    index = state.index + 1
-    samples = _pushed(state.samples, newest)
-    statistic = _unrest(worn, samples)
+    reading = jnp.where(there, jnp.concatenate([gyr, acc]), state.samples[-1, :6])
+    samples = _pushed(state.samples, jnp.append(reading, (~there).astype(reading.dtype)))
+    index, statistic = state.index + 1, _unrest(worn, samples)
     threshold = _searched(state.threshold, statistic)
     depth = jnp.min(threshold.depths)
     quiet = _pushed(state.quiet, statistic - jnp.maximum(events.STILL, events.ABOVE * depth))
@@ -252,7 +238,10 @@ def _decide(
     # the filter's sample among the stored samples; among the stored values of the detector it is k
     at = samples.shape[0] - 1 - lag(worn)
     row, before = samples[at], samples[at - 1]
-    time = (index - lag(worn)).astype(newest.dtype) / worn.rate_hz
+    near = samples[at - change // 2 - 1 : at + change // 2 + 2, :6]
+    changes = 0.5 * (near[2:] - near[:-2]).reshape(change, 2, 3)
+    largest = jnp.sqrt(jnp.max(jnp.sum(changes * changes, axis=2), axis=0))
+    time = (index - lag(worn)).astype(reading.dtype) / worn.rate_hz
     stands = jnp.all(quiet[: k + before_end + 1] < 0.0) & (row[6] == 0.0) & (index >= lag(worn))
     goes_on = jnp.all(quiet[1 : k + before_end + 2] < 0.0)
     stillest = unrest[k] <= jnp.min(unrest[k + 1 :])
@@ -262,8 +251,8 @@ def _decide(
     foothold = stands & (~state.started | ends | (~swing.any & (lasts >= REST_STEP)))
     restless = unrest[k] > events.WORSE * jnp.maximum(depth, 0.1)  # [rad/s] stances are hardly ever stiller
     lagged_sample = LaggedSample(
-        row[:6], _largest_changes(samples[:, :6], change, at), jnp.mean(samples[:, 3:6], axis=0), row[6], swing.lost,
-        stands, state.started, foothold, (time, state.foothold, swing, state.landed, state.restless | restless),
+        row[:6], largest, jnp.mean(samples[:, 3:6], axis=0), row[6], swing.lost, stands, state.started, foothold,
+        (time, state.foothold, swing, state.landed, state.restless | restless),
     )  # fmt: skip
     landed = jnp.where(swing.any, _landing(swing, time), state.landed)
     here, old = (time, _not_swung(time), landed, restless), (state.foothold, swing, state.landed, state.restless)

@@ -64,11 +64,14 @@ def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, 
     nis = nis_between(inferred.filtered.nis, inferred.filtered.count, here, there)
     ahead = rotated(attitude, Vector(*(xp.broadcast_to(part, time.shape) for part in forward)))
     strides, deviations = _strides(p, foot, time, (position.z, ahead), cov, way, length, valid, nis)
-    way_since = _accumulated(position, foot)
+    relative = xp.stack(position, axis=1)
+    # positions count from the last foothold; their sum, from the start of the recording
+    begun = xp.cumsum(xp.where(foot.restart[1:, None] > 0.5, relative[:-1], 0.0), axis=0)
+    since = relative + xp.pad(begun, ((1, 0), (0, 0)))
     if flatten:
-        way_since = way_since._replace(z=_flattened(way_since.z, foot, time, strides))
+        since = since - xp.stack([xp.zeros_like(time)] * 2 + [_climbed(foot, time, strides)], axis=1)
     orientation = yawed(state.attitude, -heading)
-    since = turned(xp.stack(way_since, axis=1), -heading)
+    since = turned(since, -heading)
     since = since + xp.stack(rotated(quaternion(orientation), p.tracked_point), axis=1)
     start = since[foot.foothold[0]]
     placed = xp.where(foot.valid[:, None], since - start[None, :], xp.zeros_like(since))
@@ -129,7 +132,7 @@ def _strides(
 def walks_on(landed: Values, leaves: Values, touches: Values) -> Flags:
     """True if the stance from `landed` until the foot `leaves`, before it `touches` again [s], is part of walking.
 
-    A stance longer than `PAUSE_S` and four swings is standing; in shuffling, a stance lasts three swings.
+    A stance longer than `PAUSE_S` and four swings is standing; a shuffling foot stands for three swings.
     """
     return leaves - landed <= xp.maximum(PAUSE_S, 4.0 * (touches - leaves))
 
@@ -138,19 +141,11 @@ def timed(
     p: FootParams, known: Strides, way: Vector, spread: Sequence[Values], landed: Values, follows: Flags,
     yaw: Values, nis: Values, unmeasured: Values,
 ) -> tuple[Strides, Strides]:  # fmt: skip
-    """Strides with their starts and speeds, and their standard deviations.
+    """Strides with their starts and speeds, and their standard deviations; offline and online.
 
-    Args:
-        p: parameters.
-        known: other quantities of the strides.
-        way: displacement from foothold to foothold [m].
-        spread: its covariances xx, xy, yy and zz [m²].
-        landed: initial contact at which a stride starts that `follows` another [s]; a first one starts at its final
-            contact.
-        follows: bool.
-        yaw: change of the variance of the heading [rad²].
-        nis: normalised innovation squared [1].
-        unmeasured: variance of the lengths by forces that were not measured [m²].
+    The displacement `way` from foothold to foothold [m] has the covariances xx, xy, yy and zz of `spread`. A stride
+    that `follows` another starts where that `landed` [s], a first one at its final contact. `yaw` is the change of the
+    heading's variance [rad²]; `nis` and `unmeasured` are those of `stated`.
     """
     length, (xx, xy, yy, zz) = known.length, spread
     x, y = way.x / xp.maximum(length, 1e-6), way.y / xp.maximum(length, 1e-6)
@@ -167,10 +162,8 @@ def timed(
 
 
 def _unmeasured(foot: FootSignals, time: Values) -> Values:
-    """Variance of the length of each stride (K − 1,) [m²] by forces in its swing that were lost or clipped.
-
-    Unknown changes of velocity, of variance q at times t, sum to zero from stance to stance. So they move the foot by a
-    variance of Σ q t² − (Σ q t)² / Σ q.
+    """Variance of the length of each stride (K − 1,) [m²] by forces in its swing that were lost or clipped: changes of
+    velocity of variance q at times t, which sum to zero from stance to stance, give Σ q t² − (Σ q t)² / Σ q.
     """
     rows = foot.foothold.shape[0]
     stride = xp.clip(xp.cumsum(foot.restart).astype(xp.int32), 0, rows)
@@ -182,34 +175,30 @@ def _unmeasured(foot: FootSignals, time: Values) -> Values:
 
 
 def stated(variance: Values, nis: Values, turn: Values, unmeasured: Values) -> Values:
-    """Standard deviation of the length of strides (n,) [m]: √(v NIS + (`TURN_NOISE` · turn)²), or with √NIS below 1.
+    """Standard deviation of the length of strides (n,) [m]: √(v NIS + (`TURN_NOISE` · turn)²), or with √NIS below 1;
+    v is the variance of the filter and of `FootParams.stride_noise` [m²].
 
     The noise of the zero velocity is that of errors which stay the same over a stance. Most stances are better, so that
     the filter's variance v is too large. NIS shows by how much: of 1024 strides of four sets, the squared error over v
     goes as √NIS, from 0.05 to 2; exponents fitted without one of the sets are .52 to .69. The part of v above
-    `KNOWN`², as after seconds without a stance, and the `unmeasured` part are not reduced, because stances do not show
-    them.
-
-    Args:
-        variance: (n,) of the filter and `FootParams.stride_noise` [m²].
-        nis: (n,) normalised innovation squared of the strides [1].
-        turn: (n,) [rad].
-        unmeasured: (n,) the part of the variance by forces that were not measured [m²].
+    `KNOWN`², as after seconds without a stance, and the part by forces that were `unmeasured` [m²] are not reduced,
+    because stances do not show them.
     """
     less = 1.0 - xp.sqrt(xp.clip(nis, 0.05, 1.0))
     corrected = variance * xp.maximum(nis, 1.0) - xp.clip(variance - unmeasured, 0.0, KNOWN**2) * less
     return root(corrected + (TURN_NOISE * turn) ** 2)
 
 
-def _flattened(height: Values, foot: FootSignals, time: Values, strides: Strides) -> Values:
-    """Heights (T,), with both footholds of each stride over level ground at one height."""
+def _climbed(foot: FootSignals, time: Values, strides: Strides) -> Values:
+    """Height (T,) that the strides over level ground seem to climb; it grows evenly from foothold to foothold [m]."""
     flat = level_ground(strides.height, strides.valid)
     real = xp.arange(flat.shape[0], dtype=xp.int32) < foot.count - 1
     wrong = xp.pad(xp.cumsum(xp.where(flat & real, strides.height, 0.0)), (1, 0))
     # padding repeats the last foothold, but an interpolation needs increasing times
     behind = xp.maximum(xp.arange(foot.foothold.shape[0], dtype=xp.int32) - foot.count + 1, 0)
     knots = time[foot.foothold] + behind.astype(time.dtype)
-    return height - interpolated(time, knots, wrong[:, None])[:, 0]
+    climbed: Values = interpolated(time, knots, wrong[:, None])[:, 0]
+    return climbed
 
 
 def level_ground(rise: Values, valid: Flags) -> Flags:
@@ -253,13 +242,6 @@ def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, va
     mean = mean._replace(x=xp.where(xp.any(used), mean.x, 1.0))
     norm = xp.sqrt(mean.x**2 + mean.y**2 + mean.z**2 + 1e-12)
     return Vector(mean.x / norm, mean.y / norm, mean.z / norm)
-
-
-def _accumulated(position: Vector, foot: FootSignals) -> Vector:
-    """Positions from the start of the recording."""
-    ended = xp.where(foot.restart[1:, None] > 0.5, xp.stack(position, axis=1)[:-1], 0.0)
-    begun = xp.pad(xp.cumsum(ended, axis=0), ((1, 0), (0, 0)))
-    return Vector(*(part + begun[:, axis] for axis, part in enumerate(position)))
 
 
 def _rotated_stddev(cov: Covariance, part: str, heading: Values) -> Values:

@@ -172,7 +172,8 @@ def advance(
     real, at = jnp.arange(samples.dt.shape[0], dtype=jnp.int32) < count, count - 1
     lost = lost_for(state.lost, samples.turned.reshape(-1, *c.worn.scale.shape), samples.dt, count)
     slow, still = stood(state.slow, samples, LEGS_RATE, c.window, count)
-    inputs = LegInputs(None, None, samples.dt, samples.dt, still, real, jnp.zeros_like(c.window))
+    no_prior: PyTree = jnp.zeros_like(c.window)  # the beliefs of the last block are known
+    inputs = LegInputs(None, None, samples.dt, samples.dt, still, real, no_prior)
 
     def run(params: LegParams, known: LegBeliefs, leg: LegSignals) -> PyTree:
         segments, states = filtered(params, leg, inputs, options, known, ("valid",))

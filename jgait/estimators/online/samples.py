@@ -78,7 +78,7 @@ class Pushes:
     def _steps(self, times: np.ndarray) -> np.ndarray:
         """Time since the previous sample of each; 0 of the first of all."""
         first = self._last is None
-        step = np.diff(times, prepend=times[0] if self._last is None else self._last)
+        step = times - np.append(times[0] if self._last is None else self._last, times[:-1])
         late = first + np.flatnonzero(step[first:] <= 0.0)
         if late.size:
             before = self._last if late[0] == 0 else times[late[0] - 1]

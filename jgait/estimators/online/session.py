@@ -177,12 +177,13 @@ class _Run:
 
     def lost(self, block: Block) -> float:
         """Time in gaps longer than a stride may have [s], see `News.lost`, up to the end of a block."""
-        time = block.time
-        measured = block.rows[block.kept][:, self.columns[1:]].reshape(time.size, -1, 8)[:, :, 6:] > 0.0
-        there = measured[:, :, 0].all(axis=1) if self.source == "legs" else measured.all(axis=2).any(axis=1)
+        time, rates = block.time, self.columns[7::8]  # columns that say whether rates were measured; forces follow
+        rows = block.rows[block.kept]
+        measured, forces = rows[:, rates] > 0.0, rows[:, rates + 1] > 0.0
+        there = measured.all(axis=1) if self.source == "legs" else (measured & forces).any(axis=1)
         known, self._seen = time[there], float(time[0]) if self._seen is None else self._seen
         if known.size:
-            gaps = np.diff(known, prepend=self._seen)
+            gaps = known - np.append(self._seen, known[:-1])
             self._gaps += float(gaps[gaps > LONGEST_LOSS].sum())
             self._seen = float(known[-1])
         gap = float(time[-1]) - self._seen

@@ -11,9 +11,8 @@ and its variance does not grow with the way; the variances of both places do, an
 small difference.
 
 In addition to the paper's six states it contains the displacement of each foot since its last stance: the width of a
-stride depends on three positions at three times, and their joint covariance is then known at the end of the stride,
-with a filter and with a smoother. (A copy of the last stance position would be equivalent, but perfectly correlated
-with the position during stance; such a covariance has no inverse, and smoothing becomes inaccurate.)
+stride depends on three positions at three times, and their joint covariance is then known at the end of the stride.
+(The covariance with a copy of the last stance position would have no inverse in stance.)
 
 Source: Potter, Liu, Selamet and Kumaravelu, equations 1 to 6.
 """
@@ -29,8 +28,8 @@ from jgait.types import SIDES, Flags, Values
 
 
 class WidthState(NamedTuple):
-    """Equation 1 with the left foot's place from the right one, and displacement of each foot since its last stance;
-    positions [m], headings [rad] from x to y.
+    """Equation 1 with the left foot's place from the right one [m], headings from x to y [rad], and displacement of
+    each foot since its last stance [m].
     """
 
     x_right: Values
@@ -156,16 +155,12 @@ def start_belief(
     """
     zero = jnp.zeros_like(jnp.asarray(heading_right) + heading_left + width)
     s, c = jnp.sin(heading_right + zero), jnp.cos(heading_right + zero)
-    x, y = -width * s, width * c
-    mean = WidthState(*(zero + v for v in (0.0, 0.0, heading_right, x, y, heading_left, 0.0, 0.0, 0.0, 0.0)))
-    side, ahead = across**2, along**2
-    known, none = 1e-6, zero
-    variances = WidthState(
-        known, known, known, side * s * s + ahead * c * c, side * c * c + ahead * s * s, heading_stddev**2,
-        none, none, none, none,
-    )  # fmt: skip
+    mean = (zero, zero, heading_right + zero, -width * s, width * c, heading_left + zero, zero, zero, zero, zero)
+    side, ahead, known = across**2, along**2, 1e-6
+    apart = side * s * s + ahead * c * c, side * c * c + ahead * s * s
+    variances = WidthState(known, known, known, *apart, heading_stddev**2, zero, zero, zero, zero)
     cov = Covariance.from_variances(variances).with_entries({("apart_x", "apart_y"): (ahead - side) * s * c})
-    return Belief(mean, cov)
+    return Belief(WidthState(*mean), cov)
 
 
 MODEL = Model(initial, transition, transition_noise, observation, observation_noise)

@@ -50,7 +50,11 @@ def prepare_from_feet(
         RecordingError: a foot is missing, shapes differ, time runs backwards, stances are not samples or not in order.
     """
     pair, notes = checked_feet(time, feet, stances)
-    turning = [turn for foot in pair for turn in _turns(foot, options.turn)]
+    # start and end of each turn of a foot [s]: the two strides between which its heading changes
+    turning = [
+        (foot.mids[k], foot.mids[k + 2])
+        for foot in pair for k in np.flatnonzero(np.abs(np.diff(foot.heading)) > options.turn)
+    ]  # fmt: skip
     times, distances, more = _usable(pair, turning, feet_range, options)
     notes += more
     if usual := options.usual_passings and not times.size:
@@ -62,12 +66,6 @@ def prepare_from_feet(
         notes.append(kinds.FEW_STRIDES(strides=max(strides, 0)))
     inputs = _inputs(pair, turning, times, distances, usual, start_heading, strides >= 2)
     return Prepared(inputs, options, tuple(notes))
-
-
-def _turns(foot: FootTrack, limit: float) -> list[tuple[float, float]]:
-    """Start and end of each turn of a foot [s]: the two strides between which its heading changes."""
-    change = np.abs(np.diff(foot.heading))
-    return [(foot.mids[k], foot.mids[k + 2]) for k in np.flatnonzero(change > limit)]
 
 
 def _inside(times: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarray:
