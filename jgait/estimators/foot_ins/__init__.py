@@ -40,14 +40,4 @@ from jgait.estimators.foot_ins.estimator import estimate, estimator, run
 from jgait.estimators.foot_ins.params import DEFAULT, TEXTBOOK, FootOptions, FootParams, with_body
 from jgait.estimators.foot_ins.prepare import prepare as prepared
 
-__all__ = [
-    "DEFAULT",
-    "TEXTBOOK",
-    "FootOptions",
-    "FootParams",
-    "estimate",
-    "estimator",
-    "prepared",
-    "run",
-    "with_body",
-]
+__all__ = ["DEFAULT", "TEXTBOOK", "FootOptions", "FootParams", "estimate", "estimator", "prepared", "run", "with_body"]

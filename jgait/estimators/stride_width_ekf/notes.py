@@ -29,10 +29,7 @@ _WRONG = (
 )
 
 RANGES_MISFIT = Kind(
-    "ranges_misfit",
-    "check",
-    "{misfits} of {ranges} ranges do not fit the paths of the feet: no width is valid",
-    _WRONG,
+    "ranges_misfit", "check", "{misfits} of {ranges} ranges do not fit the paths of the feet: no width is valid", _WRONG
 )
 
 RANGES_LEFT_OUT = Kind(
