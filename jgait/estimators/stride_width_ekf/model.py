@@ -140,7 +140,7 @@ def observation_noise(params: WidthModelParams, state: WidthState, control: Widt
 
 
 def initial(params: WidthModelParams) -> Belief:
-    """Feet side by side, 0.15 m apart; `prior_of` gives the belief of a recording."""
+    """Feet side by side, 0.15 m apart; `start_belief` gives the belief of a recording."""
     del params
     return start_belief(0.0, 0.0, 0.15, 0.15, 0.5, 0.2)
 
