@@ -3,13 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from foot_heading import agreement, heading
 from made.notes import texts
 from made.sets import loaded, refused
 from scipy.io import savemat
 
 from jgait import datasets
-from jgait.datasets.foot_reference import foot_path
 
 SAMPLES = np.array([400, 600, 850, 1000])
 PLAN = np.array([[0, 0], [0, -0.7], [0, -1.9], [1.0, -1.9]])  # seen from below: the last stride turns right from above
@@ -99,33 +97,3 @@ def test_bad_footprints_are_named(folder, change, said):
     table = pd.read_csv(csv(folder)).assign(**change)
     table.drop(columns=[name for name, value in change.items() if value is None]).to_csv(csv(folder), index=False)
     refused("footprints", [], {NAME: said})
-
-
-# --- the real files ---
-
-STANDS = 1.4  # [s] at the start of each walk
-
-
-@pytest.fixture(scope="module", params=["36", "39"])
-def walk(data, request):
-    return data("footprints", f"SensorConnectData_{request.param}")[0]
-
-
-def test_numbers_of_the_walks(walk):
-    strides, path = {"36": (58, 76.292), "39": (80, 98.341)}[walk.recording.name[-2:]]
-    assert walk.info["verified"] is True
-    assert len(walk.info["footprints"]["samples"]) == strides + 1
-    assert walk.reference.distance[-1] == pytest.approx(path, abs=1e-3)
-    imu = walk.recording.sensors["foot_right"]
-    rest = imu.acc[imu.time < STANDS].mean(axis=0)
-    assert np.linalg.norm(rest) == pytest.approx(9.81, abs=0.02) and rest[2] > 8, "gravity's reaction points up"
-    assert walk.recording.sampling_rate_hz == pytest.approx(200, abs=0.1)
-    assert foot_path(imu, 200.0).distance[-1] == pytest.approx(path, rel=0.01), "units: the sensor goes as far"
-
-
-def test_the_shoe_turns_as_the_footprints_do(walk):
-    imu, prints = walk.recording.sensors["foot_right"], walk.info["footprints"]
-    assert np.ptp(heading(imu, STANDS)) > 2 * np.pi, "it turns, so that a mirrored plan would show"
-    above = agreement(imu, STANDS, prints["samples"], prints["position"])
-    below = agreement(imu, STANDS, prints["samples"], prints["position"] * [1, -1])
-    assert above > 0.9 and above > below + 0.15
