@@ -35,7 +35,7 @@ CHANNELS = tuple(f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz") 
 COLUMNS = frozenset({"time", "feet_range", *(f"{place}_{channel}" for place in PLACEMENTS for channel in CHANNELS)})
 """The columns that jgait reads."""
 
-NUMBERED = re.compile(r"(?P<signal>.*?[^\W\d_])[ _.-]*(?P<number>\d+)(?:\s*[(\[{].*|_[^\d_].*)?")
+NUMBERED = re.compile(r"(?P<signal>.*?[^\W\d_])[ _.-]*(?P<number>\d+)(?P<rest>\s*[(\[{].*|_[^\d_].*|)")
 """Pattern of a signal with the number of its axis, and perhaps its unit."""
 
 NOT_USED = "none"  # what a user states instead of a placement for a sensor that is to be left out
@@ -182,17 +182,16 @@ def lettered(names: Sequence[str]) -> list[str]:
     """Names of columns with x, y and z for axes that are only numbered, from 0 or from 1: "acc_1 [g]" is "acc_x [g]".
     More or fewer numbers of one signal are no axes.
     """
-    numbered: dict[str, dict[int, int]] = {}
-    result = list(names)
+    numbered: dict[tuple[str, str], dict[int, int]] = {}
     for at, name in enumerate(names):
         match = NUMBERED.fullmatch(name)
-        if match and any(states(match["signal"], kind) for kind in KINDS) and not like_a_signal(match["signal"]):
-            numbered.setdefault(match["signal"], {})[int(match["number"])] = at
-    for signal, columns in numbered.items():
-        if sorted(columns) in ([0, 1, 2], [1, 2, 3]):
+        if match and not like_a_signal(name) and any(states(match["signal"], kind) for kind in KINDS):
+            numbered.setdefault((match["signal"], match["rest"]), {})[int(match["number"])] = at
+    result = list(names)
+    for (signal, rest), columns in numbered.items():
+        if sorted(columns) in ([0, 1, 2], [1, 2, 3]) and not like_a_signal(signal):
             for axis, number in zip("xyz", sorted(columns), strict=True):
-                rest = names[columns[number]].removeprefix(signal).lstrip(" _.-")
-                result[columns[number]] = f"{signal}_{axis}{rest[len(str(number)) :]}"
+                result[columns[number]] = f"{signal}_{axis}{rest}"
     return result
 
 

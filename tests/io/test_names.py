@@ -7,7 +7,7 @@ from made.frames import table
 from made.notes import texts
 
 from jgait import io
-from jgait.io.names import column_of, placement_of
+from jgait.io.names import column_of, lettered, placement_of
 from jgait.types import RecordingError
 
 KNOWN = {
@@ -35,6 +35,14 @@ KNOWN = {
 def test_words_of_a_column_give_its_placement(known, name):
     kind = "" if str(known).endswith("_acc") else "_gyr"
     assert column_of(name) == (known if known in (None, "time") else f"{known}{kind}_x".removeprefix("_"))
+
+
+def test_numbers_of_axes_are_letters_and_numbers_of_sensors_stay():
+    axes = [f"Foot L Acc {number} [g]" for number in (1, 2, 3)]
+    assert lettered(["time", *axes]) == ["time", *(f"Foot L Acc_{axis} [g]" for axis in "xyz")]
+    for names in ([f"acc_{n}_{axis}" for n in (1, 2, 3) for axis in "xyz"], [f"gyr_x{n}" for n in (1, 2, 3)],
+                  [f"gyr_{n}" for n in (1, 2, 3, 4)], ["emg_1", "emg_2", "emg_3"]):  # fmt: skip
+        assert lettered(names) == names
 
 
 PLACES = {

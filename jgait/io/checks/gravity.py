@@ -6,8 +6,6 @@ the wrong amount, the mean has another size, or another direction than in the st
 needs no calibration.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from jgait.geometry.rotation import Quaternion, conjugate, product
@@ -30,13 +28,8 @@ TRIALS = {
 """Likely causes, and what the gyroscope is multiplied by to undo them."""
 
 
-class _Means(NamedTuple):
-    """Means of a few samples each, which are turned; `step` [s] is the time between them."""
-
-    gyr: np.ndarray  #: (n, 3) [rad/s].
-    acc: np.ndarray  #: (n, 3) [m/s²].
-    lost: np.ndarray  #: (n,) bool, in a gap.
-    step: float
+type _Means = tuple[np.ndarray, np.ndarray, np.ndarray, float]
+"""Means of a few samples each: gyr and acc (n, 3), whether in a gap (n,), and the time between them [s]."""
 
 
 def slow_gyroscope(placement: str, imu: Imu, rate_hz: float, unit: Unit | None) -> Note | None:
@@ -66,7 +59,7 @@ def gravity_notes(placement: str, imu: Imu, lost: np.ndarray, rate_hz: float) ->
     trunk, count = segment in at.TRUNK, max(int(rate_hz / at.TURNED_HZ), 1)
     length = length // count
     gyr, acc = (as_float(part)[: length * count].reshape(length, count, 3).mean(axis=1) for part in (imu.gyr, imu.acc))
-    means = _Means(gyr, acc, lost[: length * count].reshape(length, count).any(axis=1), count / rate_hz)
+    means = gyr, acc, lost[: length * count].reshape(length, count).any(axis=1), count / rate_hz
     notes = []
     if segment in at.AGREEING and length * count >= 2.0 * at.WINDOW_S * rate_hz:
         notes += _size(placement, means, *at.AGREEING[segment], 0.0 if trunk else at.FASTEST_WINDOW)
@@ -110,16 +103,17 @@ def _windows(length: int, step: float) -> tuple[np.ndarray, np.ndarray]:
 
 def _size(placement: str, means: _Means, low: float, high: float, fastest: float) -> list[Note]:
     """The note about a turned mean that has not the size of gravity; `fastest` [rad/s] is the least rms rate."""
-    rows, weight = _windows(len(means.gyr), means.step)
-    square = np.where(means.lost[rows].any(axis=1), 0.0, np.sum(means.gyr[rows] ** 2, axis=2).mean(axis=1))
+    gyr, acc, lost, step = means
+    rows, weight = _windows(len(gyr), step)
+    square = np.where(lost[rows].any(axis=1), 0.0, np.sum(gyr[rows] ** 2, axis=2).mean(axis=1))
     rows = rows[(square > at.ACTIVE * square.max(initial=0.0)) & (square > fastest**2)]
     if not len(rows):
         return []
     factors = np.array([(1.0, 1.0, 1.0), *TRIALS.values()])
 
     def ratios(trials: np.ndarray) -> np.ndarray:
-        rates = means.gyr[rows] * trials[:, None, None, :]
-        mean = _turned(rates, means.acc[rows][None], means.step) @ weight
+        rates = gyr[rows] * trials[:, None, None, :]
+        mean = _turned(rates, acc[rows][None], step) @ weight
         return np.asarray(np.median(np.linalg.norm(mean, axis=0), axis=1) / GRAVITY)
 
     ratio, more = float(ratios(factors[:1])[0]), at.FEW_WINDOWS / float(np.sqrt(len(rows)))

@@ -119,7 +119,7 @@ def shaking(force: np.ndarray, samples: int) -> np.ndarray:
 
 
 def delay_between(
-    first: np.ndarray, second: np.ndarray, rate_hz: float, usual: tuple[float, float] | None = None, gain: float = 0.0
+    first: np.ndarray, second: np.ndarray, rate_hz: float, usual: tuple[float, float], gain: float
 ) -> tuple[float, float]:
     """Delay [s] of the second signal behind the first, both (n,), where they are most alike; and their correlation. One
     outside of the usual delays [s] counts only if its correlation is larger by `gain`.
@@ -133,10 +133,9 @@ def delay_between(
     both = np.fft.irfft(np.conj(np.fft.rfft(a, samples)) * np.fft.rfft(b, samples), samples)
     alike = np.concatenate([both[-farthest:], both[: farthest + 1]]) / size
     best = int(np.argmax(alike))
-    if usual is not None:
-        low, high = (farthest + round(delay * rate_hz) for delay in usual)
-        within = max(low, 0) + int(np.argmax(alike[max(low, 0) : high + 1]))
-        best = best if alike[best] > alike[within] + gain else within
+    low, high = (farthest + round(delay * rate_hz) for delay in usual)
+    within = max(low, 0) + int(np.argmax(alike[max(low, 0) : high + 1]))
+    best = best if alike[best] > alike[within] + gain else within
     return (best - farthest) / rate_hz, float(alike[best])
 
 
