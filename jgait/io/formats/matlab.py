@@ -27,7 +27,9 @@ DEEPEST = 50  # [1] most arrays in each other
 type Order = Literal["little", "big"]
 
 
-def read_matlab(path: Path, needed: Sequence[str], perhaps: Sequence[str] = (), **options: Any) -> dict[str, Any]:
+def read_matlab(
+    path: Path, needed: Sequence[str], perhaps: Sequence[str] = (), expected: str = "", **options: Any
+) -> dict[str, Any]:
     """Variables of a file, by SciPy's `loadmat` with its options; those that are `perhaps` there may lack. Raises
     RecordingError if it is of another version or damaged, lacks a needed variable, or has one twice.
     """
@@ -36,9 +38,8 @@ def read_matlab(path: Path, needed: Sequence[str], perhaps: Sequence[str] = (), 
         there = _variables(path)
         if lacking := [name for name in needed if name not in there]:
             others = ", ".join(filter(None, there)) or "none"
-            raise RecordingError(
-                f"{path.name} has no variable {lacking[0]!r}; needed are {', '.join(needed)}; it has {others}"
-            )
+            what = expected or f"variables {', '.join(needed)}"
+            raise RecordingError(f"{path.name} has no variable {lacking[0]!r}, but {others}; expected {what}")
         names = [name for name in (*needed, *perhaps) if name in there]
         if twice := [name for name in names if there.count(name) > 1]:
             hidden = "one of which hides the rest; save each alone"

@@ -95,7 +95,7 @@ def _measured(path: Path, trial: str | None) -> Measured:
 def _trials(path: Path) -> dict[str, Tree]:
     """Trial → its struct, of the trials that hold a sensor."""
     check_file(path, EXPECTED)
-    data = read_matlab(path, ("data",), simplify_cells=True)["data"]
+    data = read_matlab(path, ("data",), expected=EXPECTED, simplify_cells=True)["data"]
     if not isinstance(data, dict | list):
         kind = f"an array {np.shape(data)}" if np.ndim(data) else type(data).__name__
         raise RecordingError(f"{path.name} is not {EXPECTED}: its variable 'data' should be a struct, it is {kind}")
