@@ -54,7 +54,7 @@ COMMANDS = {
     "evaluate files.csv": "did you mean 'files'?",
     "evaluate bare.csv": "must have a header and a row for each recording",
     "evaluate none.csv": "none of the 2 recordings of none.csv could be used",
-    "report nowhere.csv": "there is no such file: nowhere.csv",
+    "report nowhere.csv": "nowhere.csv: there is no such file",
     "report a": "a is no folder that jgait evaluate wrote: it has no recordings.csv. Give the folder that it wrote, or",
     # what would be overwritten
     "evaluate recordings.csv --out .": "recordings.csv is read by this command",
