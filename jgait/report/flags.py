@@ -4,6 +4,7 @@ The page and the terminal have the same facts, of `of_result`.
 """
 
 from collections.abc import Iterable
+from itertools import zip_longest
 
 import numpy as np
 
@@ -66,11 +67,14 @@ def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
 
 
 def verdict(flags: Iterable[Flag]) -> str:
-    """One sentence on how far to trust the numbers, with up to `REASONS` reasons, the most serious first."""
+    """One sentence on how far to trust the numbers, with up to `REASONS` reasons, the most serious first; those of other
+    meanings come before a second one of the same meaning.
+    """
     doubts = [flag for flag in ordered(flags) if flag.grade in DOUBTS]
     if not doubts:
         return "Good."
-    lines = [line for flag in doubts if flag.grade == doubts[0].grade for line in flag.text.splitlines()]
+    each = [flag.text.splitlines() for flag in doubts if flag.grade == doubts[0].grade]
+    lines = [line for same in zip_longest(*each) for line in same if line is not None]
     more = [f"{len(lines) - REASONS} more"] if len(lines) > REASONS else []
     reasons = [_within(line) for line in lines[:REASONS]]
     measures = dict.fromkeys(flag.measure for flag in doubts if flag.grade == "stop")

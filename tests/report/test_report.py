@@ -278,7 +278,7 @@ def test_notes_are_explained_each_by_its_meaning():
         ([], "Good."),
         ([("info", "Shimmer", "")], "Good."),
         ([("check", "Only 3 regular strides", FEW_REGULAR.meaning), ("check", "A slides\nMT_1 is off", "")],
-         "Usable with care: a slides; MT_1 is off; only 3 regular strides."),
+         "Usable with care: a slides; only 3 regular strides; MT_1 is off."),
         ([("check", f"Doubt {number}", "") for number in range(5)],
          "Usable with care: doubt 0; doubt 1; doubt 2; 2 more."),
         ([("check", "A doubt", ""), ("stop", "Nobody walks", "")], "Do not use: nobody walks."),

@@ -34,6 +34,7 @@ ACCELEROMETER_COARSE = Kind(
 CHANNEL_CLIPPED = Kind(
     "channel_clipped", "check",
     "{placement}: {channel} is clipped at ±{value:.4g} {unit} in {samples} {samples:sample|samples}", CLIPPING,
+    counts=True,
 )  # fmt: skip
 RANGE_LOST = Kind("range_lost", "check", "", NO_RANGE)  # a range between the feet that was not measured
 SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
