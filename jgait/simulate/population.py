@@ -266,7 +266,12 @@ def covering(key: PRNGKeyArray, person: Person, along: Route) -> Person:
     grown = compiled(_stretched, quick=True)(key, jax.tree.map(float, person), padded(along), capacity=room(steps))
     # The step time of the person does not change.
     stretched = grown.gait._replace(stride_time=person.gait.stride_time)
-    person = able = jax.tree.map(float, Person(person.body, stretched))
+    return able(key, jax.tree.map(float, Person(person.body, stretched)), along)
+
+
+def able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
+    """The person with knees bent just enough that no leg is overstretched; see `covering`."""
+    able = person
     for _ in range(4):
         *_, left = limits(key, able, along)
         if left.stretched > 0.0:
