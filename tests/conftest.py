@@ -14,7 +14,7 @@ from typing import Any
 # for small sums (`jgait.geometry.arrays`), compiling needs a third less again; in one piece, a twentieth less.
 os.environ.setdefault(
     "XLA_FLAGS",
-    "--xla_backend_optimization_level=1 --xla_cpu_experimental_ynn_fusion_type= "
+    "--xla_backend_optimization_level=1 --xla_llvm_disable_expensive_passes=true --xla_cpu_experimental_ynn_fusion_type= "
     "--xla_cpu_parallel_codegen_split_count=1",
 )
 
