@@ -20,7 +20,7 @@ from experiments.foot_ins.run import QUICK, Ready, rows_of, score, sets, solved
 from jgait import params, tune
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import DEFAULT, FootParams
-from jgait.estimators.foot_ins.inputs import capacity
+from jgait.estimators.foot_ins.inputs import FOOTHOLDS
 from jgait.estimators.interface import pad
 
 FREE = params.freed(params.ranges(FootParams()), "pivot_height")
@@ -56,7 +56,7 @@ def lesson(item: Ready, samples: int) -> Lesson:
     count, time = int(signals.count), inputs.time
     found = np.stack([time[signals.leaves[: count - 1]], time[signals.arrives[1:count]]], axis=1)
     pairs = overlapping(foot.strides, found)
-    size = capacity(samples)
+    size = FOOTHOLDS.length(samples)
     row, length, weight = np.zeros(size, np.int32), np.zeros(size), np.zeros(size)
     row[: len(pairs)], length[: len(pairs)], weight[: len(pairs)] = pairs[:, 1], foot.length[pairs[:, 0]], 1.0
     return Lesson(inputs, row, length, weight)

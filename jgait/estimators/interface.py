@@ -3,7 +3,7 @@
 The annotation of each field of the inputs defines its first axis, and how padding fills it:
 
 gyr: Held       one entry a sample, padding repeats the last entry
-begin: Annotated[Any, Axis("zero", capacity)]      one entry a stride, `capacity(samples)` entries with padding
+begin: Annotated[Any, Axis("zero", 10, 2)]      one entry a stride, samples // 10 + 2 entries with padding
 """
 
 import functools
@@ -26,18 +26,18 @@ from jgait.quality import SensorQuality, merged, with_time_spread
 from jgait.types import Estimate, Measures, Recording, Values, as_float, check_kind, check_recording
 
 
-def one_each(samples: int) -> int:
-    """The length of an axis with one entry a sample."""
-    return samples
-
-
 class Axis(NamedTuple):
     """The first axis of a field."""
 
     #: values of the padding: "zero" (False), "one" (True), "hold" (the last entry repeated), or "onwards" (even steps
     #: from the last entry).
     fill: Literal["zero", "one", "hold", "onwards"] = "zero"
-    length: Callable[[int], int] = one_each  #: number of samples → length of the axis.
+    every: int = 1  #: number of samples for each of which there is an entry.
+    ends: int = 0  #: number of entries beside them.
+
+    def length(self, samples: int) -> int:
+        """The length of the axis in a recording of this number of samples."""
+        return samples // self.every + self.ends
 
     def padded(self, values: np.ndarray, more: int) -> np.ndarray:
         """The array with `more` entries of padding."""
@@ -98,11 +98,6 @@ def pad[I](inputs: I, samples: int) -> I:
 
     padded: I = grown(inputs)
     return padded
-
-
-def fields_of(record: type, length: Callable[[int], int]) -> tuple[str, ...]:
-    """Names of the fields whose first axis has this length."""
-    return tuple(name for name, axis in axes_of(record).items() if axis is not None and axis.length is length)
 
 
 @record

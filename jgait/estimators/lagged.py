@@ -16,13 +16,10 @@ from jgait import filtering, quality
 from jgait.estimators.checks import held_bridge
 from jgait.filtering import Belief
 from jgait.notes import record
-from jgait.quality.stride import of_stride
+from jgait.quality.evidence import of_stride
 from jgait.signal.counted import scanned
 from jgait.signal.marks import latest
 from jgait.types import Counts, Flags, Strides, Values
-
-JUMP_S = 0.0075
-"""[s] Half width of the window whose largest change of the readings gives a reading's noise."""
 
 
 class LaggedSample(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from jgait.estimators.about import StrideFlag
 from jgait.estimators.columns import COLUMNS
-from jgait.estimators.sides import durations
+from jgait.estimators.walking import durations
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Flags, Strides, Values, as_float
 

@@ -1,23 +1,25 @@
-"""What of a recording is walking: all else replaced by standing, and walking beside the first and the last stride.
+"""What of a recording is walking: all else replaced by standing, and walking beside the first and the last stride;
+the duration of strides, and the way along them.
 
 Estimators take what moves for walking: contacts, swings and stances, the axes of a sensor, the zero of angles, and all
 that sensors must have in common. So stretches without walking (`jgait.events.movement`) are replaced by the standing
 beside them before anything is measured, and named in a note.
 """
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from jgait.estimators.checks import FASTEST, fast_rate, force_unit
-from jgait.estimators.sides import durations
 from jgait.events.movement import CARRIED_S, KINDS, STEP_S, WALKS, Activity, movement
 from jgait.events.rest import longest_still
+from jgait.geometry.arrays import interpolated, xp
 from jgait.notes import Kind, Note
 from jgait.quality import SensorQuality
 from jgait.signal.windows import true_runs
-from jgait.types import AnyArray, Estimate, Imu, Recording, as_float
+from jgait.types import AnyArray, Estimate, Flags, Imu, Recording, Strides, Values, as_float
 
 LEAST_S, PAUSE_S, SLOWS = 1.5, 0.6, 0.0005
 """[s] Least duration of a movement that is judged; longest rest inside a movement. [1] Median probability of walking
@@ -261,3 +263,43 @@ def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:
             walks = rests is None and not stays
         cuts.append(missing if walks else 0.0)
     return cuts[0], cuts[1]
+
+
+# --- strides: duration, and the way of a person that turns ---
+
+
+def durations(strides: Strides) -> np.ndarray:
+    """(strides,) [s] from contact to contact; NaN for a first stride from standing, which has no contact before it.
+
+    The strides have starts and ends.
+    """
+    lasts = as_float(strides.end) - as_float(strides.start)
+    if strides.final_contact is None:
+        return lasts
+    return np.where(as_float(strides.final_contact) <= as_float(strides.start), np.nan, lasts)
+
+
+def of_turns(length: Values, turn: Values) -> tuple[Values, Values]:
+    """Way of the person over strides that turn, and its standard deviation [m].
+
+    Length (n,) is the chord from foothold to foothold [m], turn (n,) that of the foot [rad]. On a curve the person
+    walks the arc, in turning on the spot the chord or less. The way is the mean of arc and chord, with the standard
+    deviation of a uniform distribution between them.
+    """
+    arc = length / xp.sinc(xp.clip(turn / (2.0 * math.pi), -0.5, 0.5))
+    return 0.5 * (length + arc), (arc - length) / math.sqrt(12.0)
+
+
+def along(time: Values, start: Values, end: Values, real: Flags, lengths: Values) -> Values:
+    """Running sums (T, m) of values of strides (n, m), each added linearly from the start [s] to the end [s] of its
+    stride.
+
+    The strides are in the order of their starts and do not overlap; those that are not `real` follow the others, and
+    add nothing.
+    """
+    rows = xp.arange(start.shape[0], dtype=xp.int32).astype(time.dtype)
+    beyond = time[-1] + 1.0 + rows  # after the recording, in order
+    knots = xp.stack([xp.where(real, start, beyond), xp.where(real, end, beyond + 0.5)], axis=1).ravel()
+    done = xp.cumsum(lengths, axis=0)
+    values = xp.stack([done - lengths, done], axis=1).reshape(-1, lengths.shape[1])
+    return interpolated(time, knots, values)

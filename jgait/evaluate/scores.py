@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.sides import durations
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, regular
+from jgait.estimators.walking import durations
 from jgait.evaluate.clocks import clock_notes
 from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
 from jgait.geometry.matching import matched, span

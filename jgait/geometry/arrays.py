@@ -61,6 +61,17 @@ def for_each(function: Callable[..., PyTree], *records: PyTree) -> PyTree:
     return jax.tree.map(lambda *parts: xp.stack(parts), *each)
 
 
+def stacked[T](*records: T) -> T:
+    """Records of the same structure as one, with a first axis for the records."""
+    joined: T = jax.tree.map(lambda *leaves: xp.stack(leaves), *records)
+    return joined
+
+
+def picked(index: PyTree, *values: PyTree) -> tuple[PyTree, ...]:
+    """The samples `index` (n,) of each of some signals (T,), by one function."""
+    return tuple(xp.stack(values, axis=1)[index].T)
+
+
 def interpolated(at: PyTree, knots: PyTree, values: PyTree) -> PyTree:
     """Values (n, m) at increasing knots (n,), interpolated linearly at other places (T,): (T, m), of their type."""
     if of_jax(at, knots, values):

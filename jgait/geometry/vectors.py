@@ -75,3 +75,8 @@ def root(square: Values) -> Values:
 def wrapped(angle: Values) -> Values:
     """An angle from −π to π [rad]."""
     return angle - 2.0 * xp.pi * xp.round(angle / (2.0 * xp.pi))
+
+
+def entries(matrix: Values, *pairs: str) -> list[Values]:
+    """Entries of matrices (…, 3, 3), by pairs of axes: "xx", "xy"."""
+    return [matrix[..., "xyz".index(row), "xyz".index(column)] for row, column in pairs]

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jgait.estimators.columns import COLUMNS
-from jgait.estimators.sides import durations
 from jgait.estimators.stride_flags import BREAK, STRIDE_COLUMNS, in_order, pauses
+from jgait.estimators.walking import durations
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from jgait.notes import Kind, Note
-from jgait.quality.sensor import SensorQuality, above, opposite
+from jgait.quality.evidence import SensorQuality, above, opposite
 
 SENSOR_LEFT_OUT = Kind(
     "sensor_left_out", "check", "{placement} is left out: {reason}",

@@ -15,7 +15,7 @@ from jgait.estimators.checks import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.foot_ins import FootParams
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
-from jgait.quality import judge, trust
+from jgait.quality import model, trust
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +119,6 @@ def test_strides_of_a_shank_that_is_sampled_slowly_err_as_stated(hz):
 
 @pytest.mark.parametrize(("uncertain", "unusable"), [(1, False), (2, False), (3, True), (10, True)])
 def test_a_sensor_is_useless_only_if_more_than_a_few_of_its_strides_are(uncertain, unusable):
-    notes = judge.doubts_of("foot_right", uncertain, 0, 10)
+    notes = model.doubts_of("foot_right", uncertain, 0, 10)
     assert codes(notes) == ["stances_rare"] * unusable
     assert all(f"{uncertain} of 10 strides are uncertain by more than 0.25 m" in note.text for note in notes)

@@ -18,20 +18,18 @@ from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions, A
 from jgait.estimators.ankle_stride.prepare import prepare
 from jgait.estimators.ankle_stride.rates import rates_off
 from jgait.estimators.ankle_stride.readout import FLAGS
-from jgait.estimators.checks import check_options
+from jgait.estimators.checks import check_options, mean_over_interval
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import LEVER_IMPLAUSIBLE, RATES_OFF
 from jgait.estimators.programs import compiled
-from jgait.estimators.readings import mean_over_interval
-from jgait.estimators.sides import along, of_turns, stacked
-from jgait.estimators.walking import cut_notes, cut_off
+from jgait.estimators.walking import along, cut_notes, cut_off, of_turns
 from jgait.filtering import Belief
-from jgait.geometry.arrays import for_each, xp
+from jgait.geometry.arrays import for_each, stacked, xp
 from jgait.geometry.rotation import quaternion, rotated
 from jgait.geometry.vectors import as_array, cross, dot, root, subtract, vector
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import nis_between, of_estimate
+from jgait.quality.evidence import nis_between, of_estimate
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Estimate, Flags, Legs, Recording, Strides, Values
 

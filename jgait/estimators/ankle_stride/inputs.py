@@ -8,13 +8,10 @@ from jgait.estimators.interface import Axis, Held, Sampled, Times
 from jgait.notes import record
 from jgait.types import Counts, Values
 
+STRIDES = Axis("zero", 10, 2)
+"""The axis of strides; no stride is shorter than ten samples."""
 
-def capacity(samples: int) -> int:
-    """K, the number of rows for strides in a recording of this number of samples; no stride is shorter than ten."""
-    return samples // 10 + 2
-
-
-type PerStride = Annotated[Values, Axis("zero", capacity)]
+PerStride = Annotated[Values, STRIDES]
 """(K,), one entry per stride; 0 or False after the last stride."""
 
 

@@ -3,7 +3,7 @@
 from jgait.estimators.notes import ACCELEROMETER_OFF, CLIPPED
 from jgait.notes import Kind, Note
 from jgait.quality import SensorQuality
-from jgait.quality.stride import FAR_OFF
+from jgait.quality.evidence import FAR_OFF
 
 STRIDES_QUICK = Kind(
     "strides_quick",

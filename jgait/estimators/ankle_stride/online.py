@@ -29,7 +29,8 @@ from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import filtered, standing_prior
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
 from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING, WINDOW_S, prepare
-from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
+from jgait.estimators.checks import JUMP_S
+from jgait.estimators.lagged import LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance

@@ -6,7 +6,7 @@ bias. Decisions carry no gradient; given the decisions, `ankle_stride.run` is di
 
 import numpy as np
 
-from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals, capacity
+from jgait.estimators.ankle_stride.inputs import STRIDES, AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.notes import shank_notes
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
 from jgait.estimators.checks import (
@@ -14,9 +14,11 @@ from jgait.estimators.checks import (
     check_nominal_rate,
     check_options,
     common_time,
+    jumps,
     longest_loss,
     lost_between,
     not_bridged,
+    readings,
     sensors_of,
 )
 from jgait.estimators.interface import Axis, Prepared
@@ -30,7 +32,6 @@ from jgait.estimators.notes import (
 )
 from jgait.estimators.plausible import QUICK_S
 from jgait.estimators.programs import bucket, compiled
-from jgait.estimators.readings import jumps, readings
 from jgait.events import shank as shank_events
 from jgait.events import shank_stance
 from jgait.events.rest import longest_still
@@ -260,8 +261,8 @@ def _standing(stood: shank_stance.ShankStances, speed: np.ndarray, rate_hz: floa
 def _strides(
     start: np.ndarray, end: np.ndarray, stood: shank_stance.ShankStances, time: np.ndarray, clips: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Events and flags of each stride, padded to `capacity` rows."""
-    rows, index = capacity(len(time)), np.arange(len(time))
+    """Events and flags of each stride, padded."""
+    rows, index = STRIDES.length(len(time)), np.arange(len(time))
     first, last = (np.rint(values).astype(np.int32) for values in (start, end))
     clipped = np.concatenate([[0], np.cumsum(clips)])
     columns = {

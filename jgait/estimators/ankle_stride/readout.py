@@ -12,12 +12,11 @@ from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
 from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, TIMING
-from jgait.estimators.sides import entries, picked
 from jgait.estimators.stride_flags import LARGEST_TURN, STAIRS_M
 from jgait.filtering import Covariance
-from jgait.geometry.arrays import xp
+from jgait.geometry.arrays import picked, xp
 from jgait.geometry.rotation import quaternion, rotated
-from jgait.geometry.vectors import Vector, root, vector, wrapped
+from jgait.geometry.vectors import Vector, entries, root, vector, wrapped
 from jgait.signal import marks
 from jgait.types import Counts, Strides, Values
 
@@ -59,7 +58,7 @@ class Heading(NamedTuple):
 
 def across(cov: Covariance) -> list[Values]:
     """The entries of a position's covariance that `measured` takes."""
-    return entries(cov, "position", ("xx", "xy", "yy", "zz"))
+    return entries(cov["position", "position"], "xx", "xy", "yy", "zz")
 
 
 def measured(way: Vector, spread: Sequence[Values]) -> Way:
@@ -75,7 +74,7 @@ def heading(state: AnkleState, cov: Covariance) -> Heading:
     attitude = quaternion(state.attitude)
     ones, zeros = xp.ones_like(attitude.w), xp.zeros_like(attitude.w)
     forward = rotated(attitude, Vector(ones, zeros, zeros))
-    return Heading(xp.arctan2(forward.y, forward.x), *entries(cov, "attitude", ("zz",)))
+    return Heading(xp.arctan2(forward.y, forward.x), *entries(cov["attitude", "attitude"], "zz"))
 
 
 def deviations(p: AnkleParams, strides: Strides, way: Way, here: Heading, there: Heading, duration: Values) -> Strides:

@@ -10,9 +10,8 @@ from jgait.estimators.combined.sources import SourceEstimate
 from jgait.estimators.combined.strides import CONSISTENT, combined, correlation
 from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import knees, too_fast
-from jgait.estimators.sides import durations
 from jgait.estimators.stride_flags import FEWEST_STRIDES
-from jgait.estimators.walking import MID_STANCE
+from jgait.estimators.walking import MID_STANCE, durations
 from jgait.notes import LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
 from jgait.types import SIDES, Estimate, Imu, Recording, as_float

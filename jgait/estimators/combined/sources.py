@@ -17,8 +17,8 @@ from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note, record
 from jgait.quality import SensorQuality, widened
+from jgait.quality.evidence import LEAST_FACTOR
 from jgait.quality.model import LENGTH_BY_TIME
-from jgait.quality.stride import LEAST_FACTOR
 from jgait.types import SIDES, Estimate, Imu, Recording, RecordingError
 
 NOT_USED = Kind(

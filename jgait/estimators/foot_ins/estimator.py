@@ -23,12 +23,11 @@ from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.programs import compiled
-from jgait.estimators.sides import of_turns, stacked
-from jgait.estimators.walking import cut_notes, cut_off
+from jgait.estimators.walking import cut_notes, cut_off, of_turns
 from jgait.filtering import Belief
-from jgait.geometry.arrays import for_each, xp
+from jgait.geometry.arrays import for_each, stacked, xp
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import of_estimate
+from jgait.quality.evidence import of_estimate
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Legs, Recording, Values, as_float
 
 PER_STRIDE = ("stride_nis",)

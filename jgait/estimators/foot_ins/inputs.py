@@ -8,13 +8,10 @@ from jgait.estimators.interface import Axis, Held, Sampled, Times
 from jgait.notes import record
 from jgait.types import Counts, Values
 
+FOOTHOLDS = Axis("hold", 20, 2)
+"""The axis of footholds; from stance to stance are twenty samples or more."""
 
-def capacity(samples: int) -> int:
-    """Number of rows for footholds in a recording of `samples` samples; twenty or more are from stance to stance."""
-    return samples // 20 + 2
-
-
-type PerFoothold = Annotated[Values, Axis("hold", capacity)]
+PerFoothold = Annotated[Values, FOOTHOLDS]
 """(K,), one entry a foothold; padding repeats the last entry."""
 
 

@@ -26,19 +26,19 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators import lagged
+from jgait.estimators.checks import JUMP_S
 from jgait.estimators.foot_ins.estimator import filtered, prior_of
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.params import DEFAULT, FootParams
 from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REST_STEP, STANCE_EDGE_S, prepare
 from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, timed, walks_on
-from jgait.estimators.lagged import JUMP_S, LaggedMotion, LaggedSample, LaggedSignals, LaggedState
+from jgait.estimators.lagged import LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.sides import entries
 from jgait.events import foot as events
 from jgait.events.rest import JOLT
 from jgait.filtering import Belief
 from jgait.geometry.rotation import between, quaternion
-from jgait.geometry.vectors import Vector, as_array, root, vector, wrapped
+from jgait.geometry.vectors import Vector, as_array, entries, root, vector, wrapped
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides, Values
 
@@ -277,7 +277,7 @@ def _filtered(p: FootParams, signals: LaggedSignals, stands: Flags, belief: Beli
 def _heading(posterior: filtering.Posterior) -> tuple[Values, Values]:
     q = quaternion(posterior.mean.attitude)
     yaw = jnp.arctan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    return yaw, *entries(posterior.cov, "attitude", ("zz",))
+    return yaw, *entries(posterior.cov["attitude", "attitude"], "zz")
 
 
 def _strides(
@@ -295,7 +295,7 @@ def _strides(
         standing_end=jnp.minimum(time, jnp.maximum(swing.stands, initial) + STANCE_EDGE_S),
         turn=wrapped(motion.there[0] - motion.here[0]), lift=motion.highest - jnp.maximum(way.z, 0.0),
     )  # fmt: skip
-    spread = entries(motion.posterior.cov, "position", ("xx", "xy", "yy", "zz"))
+    spread = entries(motion.posterior.cov["position", "position"], "xx", "xy", "yy", "zz")
     follows, yaw = walks_on(landed, swing.final, initial), motion.there[1] - motion.here[1]
     strides, stddev = timed(p, known, way, spread, landed, follows, yaw, motion.nis, jnp.zeros_like(length))
     strides, stddev, doubtful = lagged.judged("foot_ins", strides, stddev, motion.nis)

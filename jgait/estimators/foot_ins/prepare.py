@@ -8,10 +8,19 @@ import itertools
 
 import numpy as np
 
-from jgait.estimators.checks import bridged, common_time, longest_loss, lost_between, not_bridged, sensors_of
-from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals, capacity
+from jgait.estimators.checks import (
+    bridged,
+    common_time,
+    jumps,
+    longest_loss,
+    lost_between,
+    mean_over_interval,
+    not_bridged,
+    readings,
+    sensors_of,
+)
+from jgait.estimators.foot_ins.inputs import FOOTHOLDS, FootInputs, FootSignals
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions
-from jgait.estimators.foot_ins.sensor import OFF_FROM, gyroscope_scale
 from jgait.estimators.interface import Prepared
 from jgait.estimators.noise import features
 from jgait.estimators.notes import (
@@ -23,15 +32,14 @@ from jgait.estimators.notes import (
     STRIDES_MISSING,
     STRIDES_UNCERTAIN,
 )
-from jgait.estimators.readings import jumps, mean_over_interval, readings
 from jgait.estimators.walking import Span
 from jgait.events import foot as events
 from jgait.events.rest import Rest, rest
-from jgait.geometry.rotation import level
-from jgait.geometry.vectors import GRAVITY
+from jgait.geometry.rotation import Quaternion, conjugate, integrated, level, rotated
+from jgait.geometry.vectors import GRAVITY, as_array, vector
 from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.quality import SensorQuality
-from jgait.quality.stride import FAR_OFF
+from jgait.quality.evidence import FAR_OFF
 from jgait.types import SIDES, Imu, Recording, RecordingError
 
 SLOWEST_HZ = 45.0
@@ -49,6 +57,10 @@ REST_STEP = 20.0
 STANCE_EDGE_S = 0.3
 """[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
 
+OFF_FROM, SCALES = 2.0, 0.03
+"""[1] Least size of the logarithm of the scale over its deviation that is noted, chosen so that none of 52 shoes of
+public sets is noted as measured (`experiments.unseen2.scales`); and deviation of the scale where all strides end at
+rest: of a gyroscope, and by rates that are sampled 50 times a second, whose peaks are lower."""
 
 NEVER_RESTS = Kind(
     "foot_never_rests",
@@ -142,7 +154,7 @@ def _foot(
         features=features(free, acc, jumped, stands, bad, hz), restart=restart[: len(time)], dt=over.dt,
         valid=np.arange(len(time)) >= first, attitude=level(up), gyr_bias=at_rest.gyr_bias,
         acc_bias=acc_bias * vertical, up=vertical, still_time=np.asarray(max(at_rest.time, 0.05)),
-        whole=np.pad(whole, (0, capacity(len(time)) - len(whole))), known=known,
+        whole=np.pad(whole, (0, FOOTHOLDS.length(len(time)) - len(whole))), known=known,
         **_footholds(free, stances, hz, len(time)),
     )  # fmt: skip
     longest = max(at_rest.windows, key=lambda window: window[1] - window[0], default=None)
@@ -169,6 +181,55 @@ def bias_at_rest(at_rest: Rest, name: str, notes: list[Note]) -> float:
     elif abs(off) > SCALE_NOTED:
         notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off, when="at rest"))
     return at_rest.force - GRAVITY
+
+
+def gyroscope_scale(
+    gyr: np.ndarray, acc: np.ndarray, footholds: np.ndarray, bad: np.ndarray, hz: float
+) -> tuple[float, float] | None:
+    """Factor of the rates with which strides end at rest [1], and the deviation of its logarithm [1], medians over
+    strides; None if they cannot be computed.
+
+    With rates s ω, the specific force of a stride, in axes of its first foothold, integrates to the velocity v(s) at
+    the next one. A foot that rests at both has v = 0; near s = 1, v ≈ v(1) + (s − 1) v′, and each stride gives
+    s = 1 − v(1)·v′ / v′·v′, the first of Newton's steps. What is left of v across v′ does not come from a scale; its
+    share of v′ is how uncertain s is: feet of runners do not rest. A wrong interval between samples turns the foot by
+    too much or too little as well: s is the scale of the rates times the interval.
+
+    Args:
+        gyr: (T, 3) [rad/s], without bias.
+        acc: (T, 3) [m/s²].
+        footholds: (n,) samples at which the foot rests.
+        bad: (T,) bool, samples that were not measured, or are clipped; strides with many do not count.
+        hz: sampling rate [Hz].
+    """
+    first, last = footholds[:-1], footholds[1:]
+    seconds, so_far = (last - first) / hz, np.concatenate([[0], np.cumsum(bad)])
+    good = so_far[last + 1] - so_far[first] <= 0.1 * (last - first)
+    at = np.flatnonzero((seconds > 0.5) & (seconds < 2.5) & good)
+    if len(at) < 5:
+        return None
+    at = at[np.linspace(0.0, len(at) - 1.0, min(len(at), 200)).round().astype(int)]
+    first, last, seconds = first[at], last[at], seconds[at, None]
+    width = max(round(0.03 * hz), 1)
+    up = np.stack([acc[max(at - width, 0) : at + width + 1].mean(axis=0) for at in first])
+    size = np.linalg.norm(up, axis=1, keepdims=True)
+
+    def at_rest(factor: float) -> np.ndarray:
+        """(n, 3) velocity at the next foothold [m/s], where the force at the first one is gravity, and has no scale."""
+        attitude, force = integrated(factor * gyr, acc, hz)
+        back = conjugate(Quaternion(*(part[first] for part in attitude)))
+        gained = as_array(rotated(back, vector(force[last] - force[first])))
+        return np.asarray(GRAVITY * (gained - up * seconds) / size)
+
+    scale, step = 1.0, 0.05
+    for _ in range(2):  # Newton's steps
+        rest = at_rest(scale)
+        slope = (at_rest(scale + step) - rest) / step
+        effect = np.maximum(np.sum(slope * slope, axis=1), 1e-9)
+        more = -np.sum(rest * slope, axis=1) / effect
+        across = np.linalg.norm(rest + more[:, None] * slope, axis=1) / np.sqrt(effect)
+        scale = float(np.clip(scale + np.median(more), 0.3, 3.0))
+    return scale, float(np.hypot(SCALES, np.median(across) / scale))
 
 
 def _more_footholds(stances: events.Stances, hz: float) -> events.Stances:
@@ -208,8 +269,8 @@ def _whole(stances: events.Stances, lost: np.ndarray, time: np.ndarray) -> tuple
 
 
 def _footholds(gyr: np.ndarray, stances: events.Stances, hz: float, samples: int) -> dict[str, np.ndarray]:
-    """Samples of footholds and contacts, padded to `capacity` with the last."""
-    rows, reach = capacity(samples), int(STANCE_EDGE_S * hz)
+    """Samples of footholds and contacts, padded with the last."""
+    rows, reach = FOOTHOLDS.length(samples), int(STANCE_EDGE_S * hz)
     final, initial = events.contacts(gyr, stances, hz)
     last = stances.end - 1
 

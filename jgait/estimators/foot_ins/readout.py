@@ -7,13 +7,13 @@ from jaxtyping import PyTree
 
 from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.params import FootParams
-from jgait.estimators.sides import along, entries, of_turns, picked
+from jgait.estimators.walking import along, of_turns
 from jgait.events.shank_stance import PAUSE_S
 from jgait.filtering import Covariance, Inferred
-from jgait.geometry.arrays import interpolated, put, xp
+from jgait.geometry.arrays import interpolated, picked, put, xp
 from jgait.geometry.rotation import Quaternion, conjugate, quaternion, rotated, turned, yawed
-from jgait.geometry.vectors import Vector, root, vector, wrapped
-from jgait.quality.stride import nis_between
+from jgait.geometry.vectors import Vector, entries, root, vector, wrapped
+from jgait.quality.evidence import nis_between
 from jgait.types import Flags, FootTrajectory, Strides, Values
 
 SHORTEST_STRIDE_M = 0.1
@@ -43,7 +43,7 @@ class Path(NamedTuple):
     strides: Strides  #: one row for each pair of consecutive footholds.
     strides_stddev: Strides
     pitch: Values  #: (T,) pitch of the foot relative to stance, toes up positive [rad].
-    nis: Values  #: mean normalised innovation squared of each stride [1], see `quality.stride.nis_between`.
+    nis: Values  #: mean normalised innovation squared of each stride [1], see `quality.evidence.nis_between`.
 
 
 def path_of(p: FootParams, foot: FootSignals, time: Values, inferred: Inferred, *, flatten: bool) -> Path:
@@ -103,11 +103,11 @@ def _strides(
     """
     height, axis = state
     here, there = foot.foothold[:-1], foot.foothold[1:]
-    spread = entries(cov, "position", ("xx", "xy", "yy", "zz"))
+    spread = entries(cov["position", "position"], "xx", "xy", "yy", "zz")
     pitch, yaw = xp.arcsin(xp.clip(axis.z, -1.0, 1.0)), xp.arctan2(axis.y, axis.x)
     norm = xp.sqrt(axis.x**2 + axis.y**2 + 1e-12)
     x, y = -axis.y / norm, axis.x / norm  # of the horizontal axis to the left of the foot's front
-    xx, yy, xy, zz = entries(cov, "attitude", ("xx", "yy", "xy", "zz"))
+    xx, yy, xy, zz = entries(cov["attitude", "attitude"], "xx", "yy", "xy", "zz")
     signals = (pitch, yaw, zz, root(x * x * xx + 2.0 * x * y * xy + y * y * yy), time)
     standing_pitch, yaw_here, variance_here, *_ = picked(here, *signals)
     *between, next_pitch, yaw_there, variance_there, _, _ = picked(there, *spread, *signals)
@@ -247,6 +247,6 @@ def _forward(attitude: Quaternion, way: Vector, length: Values, here: PyTree, va
 def _rotated_stddev(cov: Covariance, part: str, heading: Values) -> Values:
     """Standard deviations (T, 3) along axes of the world that are turned by the heading."""
     c, s = xp.cos(heading), xp.sin(heading)
-    xx, yy, xy, zz = entries(cov, part, ("xx", "yy", "xy", "zz"))
+    xx, yy, xy, zz = entries(cov[part, part], "xx", "yy", "xy", "zz")
     cross = 2 * c * s * xy
     return root(xp.stack([c * c * xx + cross + s * s * yy, s * s * xx - cross + c * c * yy, zz], axis=-1))

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.foot_ins.inputs import FootSignals, capacity
+from jgait.estimators.foot_ins.inputs import FOOTHOLDS, FootSignals
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Axis, axes_of
 from jgait.geometry.rotation import level, turned, yawed
@@ -68,11 +68,11 @@ def cut(foot: FootSignals, window: Window) -> FootSignals:
     fields: dict[str, Any] = {}
     for name, axis in axes_of(FootSignals).items():
         fields[name] = values = np.asarray(getattr(foot, name))
-        if axis is not None and axis.length is capacity:
+        if axis is not None and axis.every > 1:
             inside = values[window.holds]
             if name != "whole":
                 inside = np.clip(inside - window.start, 0, WINDOW - 1).astype(np.int32)
-            fields[name] = axis.padded(inside, capacity(WINDOW) - len(inside))
+            fields[name] = axis.padded(inside, FOOTHOLDS.length(WINDOW) - len(inside))
         elif axis is not None:
             fields[name] = axis.padded(values[part], WINDOW - (window.stop - window.start))
     fields["count"] = np.asarray(len(window.holds), np.int32)

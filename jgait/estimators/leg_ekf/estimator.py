@@ -19,13 +19,12 @@ from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
 from jgait.estimators.programs import compiled
-from jgait.estimators.sides import stacked
 from jgait.filtering import Belief, Covariance, Model
-from jgait.geometry.arrays import for_each, xp
+from jgait.geometry.arrays import for_each, stacked, xp
 from jgait.mounting.pose import Pose, posterior
 from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import of_stride
+from jgait.quality.evidence import of_stride
 from jgait.types import SIDES, Estimate, Flags, Legs, LegTrajectory, Recording, Values, as_float
 
 SPREAD = ("thigh_angle", "knee_angle", "x", "y")

@@ -19,10 +19,9 @@ from typing import Annotated, NamedTuple
 import jax.numpy as jnp
 
 from jgait.estimators.leg_ekf.inputs import UNREST_S, LegInputs, Segment
-from jgait.estimators.sides import entries
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import rotated, small_turn
-from jgait.geometry.vectors import GRAVITY, Three, as_array, vector
+from jgait.geometry.vectors import GRAVITY, Three, as_array, entries, vector
 from jgait.params import Param, Parameter, documented, positive
 from jgait.types import Flags, Maybe, Values
 
@@ -140,7 +139,7 @@ def read_out(state: InclinationState, cov: Covariance, rate: Values) -> Inclinat
     angle = jnp.arctan2(u.x, u.z)
     slope = u.y * (u.z * w.z + u.x * w.x) / square - w.y
     dx, dz = u.z / square, -u.x / square
-    xx, zz, xz = entries(cov, "up", ("xx", "zz", "xz"))
+    xx, zz, xz = entries(cov["up", "up"], "xx", "zz", "xz")
     variance = dx * dx * xx + dz * dz * zz + 2.0 * dx * dz * xz
     return Inclination(angle, slope, variance)
 

@@ -22,8 +22,8 @@ from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_
 from jgait.estimators.leg_ekf.prepare import LONG_GAP, resting_legs, with_feet
 from jgait.estimators.leg_ekf.readout import LEAST_SHARE, MOVES_M, backward
 from jgait.estimators.online.device import Device, Readings
-from jgait.estimators.sides import stacked
 from jgait.events.rest import LEGS_RATE, LEGS_WINDOW_S
+from jgait.geometry.arrays import stacked
 from jgait.mounting.leg import SegmentMounting, worn_legs
 from jgait.notes import Note
 from jgait.types import SIDES, Counts, Flags, LegTrajectory, Recording, Values

@@ -16,7 +16,7 @@ from jgait.estimators.online.device import Device, Runner
 from jgait.estimators.online.export import ExportedStep, exported
 from jgait.estimators.online.samples import Block, Pushes
 from jgait.estimators.proportions import gives
-from jgait.estimators.sides import of_turns
+from jgait.estimators.walking import of_turns
 from jgait.notes import Note, record
 from jgait.params import check_params
 from jgait.types import SIDES, AnyArray, Legs, LegTrajectory, Recording, RecordingError, Strides

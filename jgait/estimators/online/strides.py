@@ -8,7 +8,7 @@ from jaxtyping import PyTree
 from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.foot_ins import online as foot_online
 from jgait.estimators.online.device import Device, Readings
-from jgait.estimators.sides import stacked
+from jgait.geometry.arrays import stacked
 from jgait.types import SIDES, Counts, Recording
 
 

@@ -27,7 +27,7 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
 from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
-from jgait.quality.stride import among, of_sensors
+from jgait.quality.evidence import among, of_sensors
 from jgait.types import Estimate, Legs, Recording, Strides, Values, as_float
 
 FLAGS = ("turning", "half", "unsure", "side_unknown")

@@ -4,20 +4,17 @@ from typing import Annotated, NamedTuple
 
 from jaxtyping import PyTree
 
-from jgait.estimators.interface import Axis, Held, Sampled, Times, fields_of
+from jgait.estimators.interface import Axis, Held, Sampled, Times, axes_of
 from jgait.notes import record
 from jgait.types import Counts, Values
 
+NODES = Axis("zero", 5, 4)
+"""The axis of nodes; a step at the lowest sampling rate has 5 samples."""
 
-def capacity(samples: int) -> int:
-    """K, the number of rows for nodes in a recording of this number of samples."""
-    return samples // 5 + 4  # a step at the lowest sampling rate has 5 samples
-
-
-type PerNode = Annotated[Values, Axis("zero", capacity)]
+PerNode = Annotated[Values, NODES]
 """(K,), one entry per node; 0 or False after the last node."""
 
-type HeldNode = Annotated[Values, Axis("hold", capacity)]
+HeldNode = Annotated[Values, NODES._replace(fill="hold")]
 """(K,), one entry per node; the last node's entry is repeated after it."""
 
 
@@ -60,5 +57,5 @@ class WaistInputs(NamedTuple):
     count: Counts  #: number of nodes.
 
 
-PER_NODE = fields_of(WaistInputs, capacity)
+PER_NODE = tuple(name for name, axis in axes_of(WaistInputs).items() if axis is not None and axis.every > 1)
 """Names of the fields with one entry per node."""

@@ -19,7 +19,7 @@ from jgait.estimators.notes import (
 from jgait.estimators.programs import bucket
 from jgait.estimators.waist import bouts as waist_bouts
 from jgait.estimators.waist import motion as waist_motion
-from jgait.estimators.waist.inputs import PER_NODE, WaistInputs, capacity
+from jgait.estimators.waist.inputs import NODES, PER_NODE, WaistInputs
 from jgait.estimators.waist.motion import TrunkMotion
 from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_CONTRADICTS, LIES_TURNED
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, KNOWN, SITES, WaistOptions, WaistParams
@@ -245,9 +245,9 @@ def _assembled(
     imu: Imu, axes: TrunkAxes, time: np.ndarray, mask: np.ndarray, rate: float, rested: TrunkRest,
     nodes: dict[str, np.ndarray],
 ) -> WaistInputs:  # fmt: skip
-    """The inputs from signals and decisions, with the nodes' columns padded to `capacity` rows."""
+    """The inputs from signals and decisions, with the nodes' columns padded."""
     gyr, acc = (as_float(values) @ axes.rows.T for values in (imu.gyr, imu.acc))
-    rows, count = capacity(len(time)), len(nodes["at"])
+    rows, count = NODES.length(len(time)), len(nodes["at"])
 
     def filled(name: str, values: np.ndarray) -> np.ndarray:
         more = rows - len(values)

@@ -14,7 +14,7 @@ import jgait
 from jgait import simulate
 from jgait.estimators.combined.compare import SIDES_UNLIKE, alike, with_sides_unlike
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.sides import of_turns
+from jgait.estimators.walking import of_turns
 from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import Estimate, Legs, Strides
 

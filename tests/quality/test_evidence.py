@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jgait.quality import SOUND, SensorQuality, above, merged, notes, of_sensor, opposite
-from jgait.quality.stride import of_sensors
+from jgait.quality.evidence import of_sensors
 from jgait.types import Imu, Recording
 
 
