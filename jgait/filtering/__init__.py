@@ -6,11 +6,10 @@ selects the linearisation (`KF`, `EKF`, `IteratedEKF`, `UKF`, `CKF`).
 """
 
 from jgait.filtering.covariance import Covariance, names_of
-from jgait.filtering.filter import infer, kalman_filter, kalman_smoother, step
+from jgait.filtering.filter import draw, infer, kalman_filter, kalman_smoother, step
 from jgait.filtering.methods import CKF, EKF, KF, UKF, IteratedEKF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
-from jgait.filtering.sample import draw
 from jgait.geometry.arrays import compiled
 
 __all__ = [

@@ -246,15 +246,10 @@ class Covariance:
         return block.reshape(*block.shape[:-2], *shape)
 
     def with_entries(self, entries: Mapping[tuple[str, str], Numbers]) -> "Covariance":
-        """The same covariance with some entries replaced, each for both orders of its two names.
+        """The same covariance with some entries replaced, by pairs of names in either order.
 
-        Args:
-            entries: pair of names, in either order → value. Of two arrays: a block (rows, columns); or one number, the
-                covariance of each entry of the first with the same entry of the second.
-
-        Raises:
-            KeyError: if a name is not a component.
-            ValueError: if an entry is given in both orders.
+        The value for two arrays is a block (rows, columns), or one number, the covariance of each entry of the first
+        with the same entry of the second. Raises KeyError for an unknown name, ValueError for a pair in both orders.
         """
         if len({frozenset(pair) for pair in entries}) < len(entries):
             raise ValueError(f"an entry is given twice, in both orders of its names: {', '.join(map(str, entries))}")

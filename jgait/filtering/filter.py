@@ -1,20 +1,20 @@
-"""Filters and smoothers of recordings: one `lax.scan` of predict and update, and one back.
+"""Filters and smoothers of recordings: one `lax.scan` of predict and update, and one back; random recordings.
 
 The scans are in `jgait.filtering.scan`, predict and update in `jgait.filtering.step`, and the Jacobians, by
 `jax.linearize`, in `jgait.filtering.linear`.
 """
 
-from collections.abc import Callable
 from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jax import lax
+from jaxtyping import Array, PRNGKeyArray, PyTree
 
-from jgait.filtering import posterior
+from jgait.filtering import inputs, posterior
 from jgait.filtering.batch import differentiable
-from jgait.filtering.covariance import Numbers, Tree
-from jgait.filtering.inputs import Inputs, check_arguments, check_linear, check_values, inputs, known_false
+from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Tree
+from jgait.filtering.fast import scan as fast
 from jgait.filtering.methods import EKF, KF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
@@ -54,7 +54,7 @@ def step(
     """
 
     def alone[T](tree: T) -> T:
-        return jax.tree.map(lambda leaf: leaf if known_false(leaf) else jnp.asarray(leaf)[None], tree)
+        return jax.tree.map(lambda leaf: leaf if inputs.known_false(leaf) else jnp.asarray(leaf)[None], tree)
 
     sample = infer(
         model, params, alone(observation), smooth=False, dt=dt, controls=alone(control), mask=alone(mask),
@@ -68,65 +68,43 @@ def infer(
     mask: Tree = None, method: Method = EKF(), initial: Belief | None = None,
     keep: tuple[str, ...] = SUMMARY, covariance: bool | tuple[str, ...] = True, execution: Execution = "auto",
 ) -> Inferred:  # fmt: skip
-    """Filter a recording, and smooth it if `smooth` is True; `smooth` is static.
+    """Filter a recording, and smooth it if `smooth`, which is static, is True: means, covariances, filter's posterior.
 
-    Other arguments as of `kalman_smoother`; `covariance` selects smoothed covariances, a filter returns all or none.
-
-    Returns:
-        Means, covariances and the filter's posterior.
-
-    Raises:
-        ValueError: see `kalman_filter`.
+    Other arguments and errors as of `kalman_smoother`; `covariance` selects smoothed ones, a filter has all or none.
     """
-    check_arguments(model, method, keep, FIELDS, covariance)
-    check_values(observations, controls, dt)
+    inputs.check_arguments(model, method, keep, FIELDS, covariance)
+    inputs.check_values(observations, controls, dt)
     keep = tuple(keep)
     if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((params, observations, dt, initial))):
-        constant = tuple(map(known_false, jax.tree.leaves(mask)))
+        constant = tuple(map(inputs.known_false, jax.tree.leaves(mask)))
         return _program(
             params, observations, controls, dt, mask, initial, model=model, smooth=smooth, method=method, keep=keep,
             covariance=covariance, execution=execution, constant=constant,
         )  # fmt: skip
-    given = inputs(model, params, observations, controls, dt, mask, initial)
+    given = inputs.checked(model, params, observations, controls, dt, mask, initial)
     shape, chosen = given.shape, posterior.places_of(covariance, given.shape.error)
     fields = keep if smooth else tuple(dict.fromkeys(("mean", *(("cov",) if chosen else ()), *keep)))
     if isinstance(method, KF):
-        check_linear(given)
-    special = _special(given, method, execution, smooth and bool(chosen))
-    if special is not None:
-        field_values = special(given, fields, smooth)
-    else:
-        inner = posterior.closure(shape, chosen) if smooth else ()
-        names = dict.fromkeys(name for field in fields for name in posterior.NEEDS[field])
-        if smooth:
-            names |= dict.fromkeys(("x", "delta", "move", *(("smoothed",) if inner else ())))
-        run = differentiable(Recorded(shape, method, tuple(names), inner), method.derivative)
-        outputs = run(*(value[..., None] for value in given.arrays()))
-        field_values = posterior.fields_of(
-            given, fields, inner, dict(zip(names, (v[..., 0] for v in outputs), strict=True))
-        )
-    return posterior.inferred(given, field_values, keep, chosen, smooth)
-
-
-def _special(
-    given: Inputs, method: Method, execution: Execution, covariances: bool
-) -> Callable[..., dict[str, Array]] | None:
-    """The function that computes it in place of the core, or None; `covariances`: smoothed ones are wanted.
-
-    Raises:
-        ValueError: if there is no such `execution`, or it cannot compute this.
-    """
+        inputs.check_linear(given)
     if execution not in (names := get_args(Execution)):
         raise ValueError(f"execution must be one of {', '.join(names)}; got {execution!r}")
-    shape = given.shape
-    if execution == "core" or (execution == "auto" and shape.error.size * len(shape.measured) >= FAST_UP_TO):
-        return None
-    from jgait.filtering import fast
-
-    refused = fast.refused(given, method, covariances)
+    small = execution == "auto" and shape.error.size * len(shape.measured) < FAST_UP_TO
+    refused = fast.refused(given, method, smooth and bool(chosen)) if small or execution == "fast" else "core"
     if execution == "fast" and refused:
         raise ValueError(refused)
-    return None if refused else fast.solve
+    if not refused:
+        field_values = fast.solve(given, fields, smooth)
+    else:
+        inner = posterior.closure(shape, chosen) if smooth else ()
+        kept = dict.fromkeys(name for field in fields for name in posterior.NEEDS[field])
+        if smooth:
+            kept |= dict.fromkeys(("x", "delta", "move", *(("smoothed",) if inner else ())))
+        run = differentiable(Recorded(shape, method, tuple(kept), inner), method.derivative)
+        outputs = run(*(value[..., None] for value in given.arrays()))
+        field_values = posterior.fields_of(
+            given, fields, inner, dict(zip(kept, (v[..., 0] for v in outputs), strict=True))
+        )
+    return posterior.inferred(given, field_values, keep, chosen, smooth)
 
 
 def _jitted(
@@ -140,9 +118,8 @@ def _jitted(
     )
 
 
-_program = compiled(
-    _jitted, static_argnames=("model", "smooth", "method", "keep", "covariance", "execution", "constant")
-)
+_STATIC = ("model", "smooth", "method", "keep", "covariance", "execution", "constant")
+_program = compiled(_jitted, static_argnames=_STATIC)
 
 
 def kalman_filter(
@@ -190,19 +167,56 @@ def kalman_smoother(
 ) -> Inferred:  # fmt: skip
     """Filter forward, then smooth backward: every sample's estimate uses the whole recording.
 
-    Arguments as of `kalman_filter`, `keep` of the filter's posterior.
-
-    `covariance`: False omits the smoothed covariances, which is several times faster. A tuple of names selects
-    components of the error, ("position",) all components of the position: the `Covariance` then has the error's tuple
-    with None for the other components.
-
-    Returns:
-        Smoothed means and covariances, and the filter's posterior.
-
-    Raises:
-        ValueError: see `kalman_filter`.
+    Arguments and errors as of `kalman_filter`; `keep` is of the filter's posterior, which is returned beside means and
+    covariances. `covariance`: False omits the smoothed covariances, which is several times faster. A tuple of names
+    selects components of the error, ("position",) all components of the position: the `Covariance` then has the
+    error's tuple with None for the other components.
     """
     return infer(
         model, params, observations, smooth=True, dt=dt, controls=controls, mask=mask, method=method, initial=initial,
         keep=keep, covariance=covariance, execution=execution,
     )  # fmt: skip
+
+
+def draw(
+    key: PRNGKeyArray, model: Model, params: Tree, samples: int, *, dt: Numbers, controls: Tree = None
+) -> tuple[PyTree, PyTree]:
+    """Draw one random recording of T = `samples` from a model: for tests, power studies, and checks of a fit.
+
+        x₀ ~ N(m₀, P₀),  x_k = f(x_{k−1}) ⊕ N(0, Q),  y_k = h(x_k) + N(0, R)
+
+    Arguments as of `kalman_filter`; pure, for `jax.vmap` over keys. Returns states and observations in the model's
+    types, time axis in front. Raises ValueError if a result of the model's functions has the wrong type.
+    """
+    belief = model.initial(params)
+    first = None if controls is None else jax.tree.map(lambda leaf: leaf[0], controls)
+    dtype = inputs.common_dtype(params, belief.mean, controls)
+    observed = Layout.of(model.observation(params, belief.mean, first))
+    shape = inputs.shape_of(model, params, controls, belief.mean, observed, dtype)
+    state, leaves = shape.state, jax.tree.leaves(inputs.in_dtype(params, dtype))
+
+    def shocks(entries: Entries, layout: Layout, normal: Array) -> Array:
+        """A draw with a covariance, which may be singular, from independent normal numbers (n,)."""
+        values, vectors = jnp.linalg.eigh(Covariance.of(entries, layout).dense().astype(dtype))
+        return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))[None, :]) @ normal
+
+    def body(x: Array, sample: tuple[Array, Array, Tree, Array]) -> tuple[Array, tuple[Array, Array]]:
+        shock, error, control, step = sample
+        u = shape.arrays(shape.control.components(control, dtype, "the control"))
+        noise = shape.transition_noise(leaves, (u, step), list(x))
+        now = shape.retract(shape.transition(leaves, (u, step), list(x)), list(shocks(noise, shape.error, shock)))
+        reading = jnp.stack(shape.observation(leaves, u, now))
+        reading = reading + shocks(shape.observation_noise(leaves, u, now), observed, error)
+        return jnp.stack(now), (jnp.stack(now), reading)
+
+    begin, process, sensing = jax.random.split(key, 3)
+    cov = shape.noise(belief.cov, shape.error, "the covariance of a belief").entries()
+    mean = shape.arrays(state.components(belief.mean, dtype, "the mean of a belief"))
+    error = shocks(cov, shape.error, jax.random.normal(begin, (shape.error.size,), dtype))
+    start = jnp.stack(shape.retract(mean, list(error)))
+    normal = [
+        jax.random.normal(k, (samples, of.size), dtype) for k, of in ((process, shape.error), (sensing, observed))
+    ]
+    series: PyTree = (*normal, controls, jnp.broadcast_to(jnp.asarray(dt, dtype), (samples,)))
+    _, (states, observations) = lax.scan(body, start, series)
+    return state.split(states), observed.split(observations)

@@ -54,7 +54,7 @@ class Inputs(NamedTuple):
         ]
 
 
-def inputs(
+def checked(
     model: Model, params: Tree, observations: Tree, controls: Tree, dt: Numbers, mask: Tree, initial: Belief | None
 ) -> Inputs:
     """Check structure and shapes, and cast everything to one dtype; raises as `kalman_filter`."""

@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree, PyTreeDef
 
 from jgait.filtering.covariance import Covariance, Entries, Layout, Places, Scalar, Tree, placed
-from jgait.filtering.methods import CKF, UKF, Method
+from jgait.filtering.methods import UKF, Method, regression
 from jgait.filtering.model import Model
-from jgait.filtering.regression import regression
 from jgait.filtering.step import held
 
 type Rows = Array | Sequence[Float[Array, "B"]]
@@ -62,12 +61,15 @@ class Shape:
         error = self.model.local(self.state.tuple(reference), self.state.tuple(x))
         return self.arrays(self.error.components(error, self.dtype, "what local returns"))
 
-    def turn(self, x: list[Array], delta: Array) -> Array:
-        """(n, n) from errors δ + e about x to errors e about x ⊕ δ."""
-        if not self.curved:
-            return jnp.eye(len(delta), dtype=delta.dtype)
-        at = self.retract(x, list(delta))
-        return jax.jacfwd(lambda d: jnp.stack(self.local(at, self.retract(x, list(d)))))(delta)
+    def turned(self, x: list[Array], delta: list[Array], error: list[Array]) -> list[Array]:
+        """T e: the error about x ⊕ δ for δ + e about x, to first order in e."""
+        at = self.retract(x, delta)
+        return jax.jvp(lambda d: self.local(at, self.retract(x, d)), (delta,), (error,))[1]
+
+    def turn(self, x: list[Array], delta: list[Array]) -> Array:
+        """T (n, n)."""
+        columns = jax.vmap(lambda e: jnp.stack(self.turned(x, delta, list(e))), out_axes=1)
+        return columns(jnp.eye(len(delta), dtype=self.dtype))
 
     def residual(self, measured: list[Array], expected: list[Array]) -> list[Array]:
         """The components of measured − expected, of those that are ever measured."""
@@ -179,19 +181,19 @@ class Linear:
         def noise(params: list[Array], over: Interval, x: list[Array]) -> list[Array]:
             return distinct(shape.transition_noise(params, over, x), places, shape)
 
-        if isinstance(method := self.method, UKF | CKF):
+        if isinstance(method := self.method, UKF):
 
             def sigma(
                 params: list[Array], over: Interval, x: list[Array], delta: list[Array], P: Array
             ) -> tuple[Array, Array, list[Array], list[Array]]:
-                before, turned = shape.retract(x, delta), shape.turn(x, jnp.stack(delta))
+                before, turned = shape.retract(x, delta), shape.turn(x, delta)
                 after = shape.transition(params, over, before)
 
                 def g(e: Array) -> Array:
                     return jnp.stack(shape.local(after, shape.transition(params, over, shape.retract(before, list(e)))))
 
                 value, A, spread = regression(method, g, jnp.zeros_like(P[0]), turned @ P @ turned.T)
-                turn = shape.turn(after, value)  # errors are about x⁻, which the value moves
+                turn = shape.turn(after, list(value))  # errors are about x⁻, which the value moves
                 return turn @ A @ turned, turn @ spread @ turn.T, before, shape.retract(after, list(value))
 
             A, spread, before, after = self.over(sigma, interval, x, delta, P)
@@ -224,7 +226,7 @@ class Linear:
         about = [jnp.zeros_like(x[0])] * self.size if at is None else list(at)[: self.size]
         shift: Array | float = 0.0
         spread: Matrices | float = 0.0
-        if isinstance(method := self.method, UKF | CKF):
+        if isinstance(method := self.method, UKF):
 
             def sigma(
                 params: list[Array], u: list[Array], x: list[Array], at: list[Array], P: Array

@@ -190,7 +190,7 @@ def turned(
     shape: Shape, x: Float[Array, "time k"], delta: Float[Array, "time n"], error: Float[Array, "time n"]
 ) -> Float[Array, "time n"]:
     """Errors about x as errors about x ⊕ δ, for errors near δ."""
-    return _over_time(partial(_turned, shape), x, delta, error) if shape.curved else error
+    return _over_time(shape.turned, x, delta, error) if shape.curved else error
 
 
 def covariances(
@@ -209,7 +209,7 @@ def covariances(
     seeds = np.eye(shape.error.size)[[chosen[j] for j in columns]]
 
     def some(x: list[Array], delta: list[Array], seed: list[Array]) -> list[Array]:
-        every = _turned(shape, x, delta, seed)
+        every = shape.turned(x, delta, seed)
         return [every[chosen[i]] for i in rows]
 
     of_seed = jax.vmap(lambda seed: _over_time(some, x, delta, jnp.broadcast_to(seed, delta.shape)).T)
@@ -238,15 +238,9 @@ def influences(shape: Shape) -> tuple[Bool[np.ndarray, "n n"], Bool[np.ndarray, 
     if not shape.curved:
         return np.eye(n, dtype=bool), np.zeros(n, bool)
     scalars = [jax.ShapeDtypeStruct((), shape.dtype)]
-    jaxpr = jax.make_jaxpr(partial(_turned, shape))(scalars * k, scalars * n, scalars * n).jaxpr
+    jaxpr = jax.make_jaxpr(shape.turned)(scalars * k, scalars * n, scalars * n).jaxpr
     touched = [reached(jaxpr, {v}) for v in jaxpr.invars[k + n :]]
     return np.array(touched).T, np.array(reached(jaxpr, {*jaxpr.invars[: k + n]}))
-
-
-def _turned(shape: Shape, x: list[Array], delta: list[Array], error: list[Array]) -> list[Array]:
-    """T e, the components of one error."""
-    at = shape.retract(x, delta)
-    return jax.jvp(lambda d: shape.local(at, shape.retract(x, d)), (delta,), (error,))[1]
 
 
 def _over_time(function: Callable[..., list[Array]], *arrays: Float[Array, "time size"]) -> Float[Array, "time size"]:

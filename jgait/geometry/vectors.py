@@ -79,4 +79,4 @@ def wrapped(angle: Values) -> Values:
 
 def entries(matrix: Values, *pairs: str) -> list[Values]:
     """Entries of matrices (…, 3, 3), by pairs of axes: "xx", "xy"."""
-    return [matrix[..., "xyz".index(row), "xyz".index(column)] for row, column in pairs]
+    return [matrix[..., "xyz".index(pair[0]), "xyz".index(pair[1])] for pair in pairs]

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jgait.filtering import CKF, UKF, Covariance, Model
+from jgait.filtering import UKF, Covariance, Model
 
 
 class Told(NamedTuple):
@@ -94,8 +94,7 @@ def affine(g: Any) -> Any:
     @functools.partial(jax.jit, static_argnums=0)
     def regression(method: Any, mean: Any, cov: Any, *rest: Any) -> Any:
         n = mean.size
-        # The CKF is the UKF with α = 1 and κ = β = 0.
-        alpha, beta, kappa = (method.alpha, method.beta, method.kappa) if isinstance(method, UKF) else (1.0, 0.0, 0.0)
+        alpha, beta, kappa = method.alpha, method.beta, method.kappa
         scale = alpha**2 * (n + kappa)
         offsets = jnp.sqrt(scale) * jnp.linalg.cholesky(cov).T
         points = mean[None] + jnp.concatenate([jnp.zeros((1, n)), offsets, -offsets])
@@ -108,7 +107,7 @@ def affine(g: Any) -> Any:
         return v, matrix, after.T @ (spread_weights[:, None] * after) - matrix @ cov @ matrix.T
 
     def approximated(method: Any, mean: Any, cov: Any, *rest: Any) -> Any:
-        if isinstance(method, UKF | CKF):
+        if isinstance(method, UKF):
             return map(np.asarray, regression(method, mean, cov, *rest))
         return np.asarray(value(mean, *rest)), np.asarray(slope(mean, *rest)), 0.0
 

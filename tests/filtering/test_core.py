@@ -14,7 +14,7 @@ from scipy import stats
 from experiments.benchmark.core import foot, smoother
 from jgait import filtering
 from jgait.filtering import CKF, EKF, FIELDS, KF, UKF, Belief, Covariance, IteratedEKF, Model, batch
-from jgait.filtering.inputs import inputs
+from jgait.filtering.inputs import checked
 from jgait.filtering.posterior import Posterior
 from jgait.filtering.scan import Recorded
 
@@ -64,7 +64,7 @@ def solved(c: Any, p: Any, observations: Any) -> Any:
 @pytest.mark.parametrize("name", ["bent", "heading"])
 def test_batches_of_any_shape_are_the_single_results(name):
     c = case(name, 5)
-    ready = inputs(c.model, c.params, c.observations, c.controls, c.dt, c.mask, None)
+    ready = checked(c.model, c.params, c.observations, c.controls, c.dt, c.mask, None)
     block = Recorded(ready.shape, EKF(), ("x",)).block
     rng = np.random.default_rng(0)
     params = np.asarray(c.params) * rng.uniform(0.5, 2.0, (3, 4))

@@ -10,7 +10,7 @@ import pytest
 from filtering.problems import SAMPLES, Case, case, padded, same, smoothed
 
 from jgait.filtering import EKF, FIELDS
-from jgait.filtering.inputs import inputs
+from jgait.filtering.inputs import checked
 from jgait.filtering.scan import Recorded
 
 
@@ -30,7 +30,7 @@ def test_samples_before_the_padding_are_as_without_it(name):
 @pytest.mark.parametrize(("name", "segment"), [("bent", 5), ("heading", 4), ("heading", 16)])
 def test_segments_of_a_long_recording_give_what_one_does(name, segment):
     c = padded(case(name))
-    given = inputs(c.model, c.params, c.observations, c.controls, c.dt, c.mask, None)
+    given = checked(c.model, c.params, c.observations, c.controls, c.dt, c.mask, None)
     whole = Recorded(given.shape, EKF(), ("x", "delta", "move", "smoothed"), tuple(range(given.shape.error.size)))
     one, several = (
         jax.jit(function.value)(*(value[..., None] for value in given.arrays()))
