@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
-from filtering.problems import BENT, SAMPLES, Case, Reading, case, filtered, same, smoothed
+from filtering.problems import BENT, SAMPLES, Case, Reading, case, filtered, heading_residual, same, smoothed
 from filtering.test_core import WRONG, broken
 
 from jgait import filtering
@@ -159,6 +159,14 @@ NONLINEAR = "the KF needs a linear model.* Jacobian of transition .* depends on 
 def test_what_cannot_be_done_is_refused(more, message):
     with pytest.raises(ValueError, match=message):
         (smoothed if "covariance" in more else filtered)(case("bent"), **more)
+
+
+def test_a_model_with_a_residual_of_its_own_runs_by_the_core():
+    c = case("bent")
+    c = c._replace(model=c.model._replace(residual=heading_residual))
+    same(filtered(c, "auto").mean, filtered(c, "core").mean, 0.0)
+    with pytest.raises(ValueError, match="this call has a residual of its own, and needs 'core'"):
+        filtered(c, "fast")
 
 
 @pytest.mark.parametrize("convert", [list, pd.Series])

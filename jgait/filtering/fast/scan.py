@@ -65,7 +65,7 @@ def refused(given: Inputs, method: Method, covariances: bool) -> str:
     }
     wrong = " and ".join(what for what, needed in needs.items() if needed)
     return wrong and (
-        "execution='fast' has filters and smoothed means by KF() and EKF() of flat states and differences; "
+        "execution='fast' has filters and smoothed means by KF() and EKF() on flat states without a residual; "
         f"this call has {wrong}, and needs 'core'"
     )
 
