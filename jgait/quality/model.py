@@ -238,8 +238,9 @@ STRIDES_DOUBTFUL = Kind(
 STANCES_RARE = Kind(
     "stances_rare", "stop",
     "{placement}: lengths of {uncertain} of {total} strides are uncertain by more than {limit_m:g} m",
-    "Motion is integrated from one rest of the foot to the next, and drifts by metres without them. Do not use "
-    "positions and lengths. Rests are missing where samples are lost; a kneeling or carried foot does not stand.",
+    "Where little holds the integrated motion, it drifts by metres: where samples are lost, where a foot or shank does "
+    "not rest, as one that kneels or is carried, and where a sensor on the trunk sees a few steps beside standing. Do "
+    "not use positions and lengths of this sensor.",
 )  # fmt: skip
 
 

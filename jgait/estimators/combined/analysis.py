@@ -3,6 +3,7 @@
 import importlib
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -27,10 +28,12 @@ from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.plausible import knee_notes, knees
 from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
+from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
 from jgait.estimators.walking import inside, walking_alone
 from jgait.notes import Kind, Note, gravest_first, without_repeats
-from jgait.quality import above, length_share, merged, opposite, with_share
+from jgait.quality import DOUBTED_SHARE, UNCERTAIN, above, length_share, merged, opposite, with_share
 from jgait.quality import notes as writer
+from jgait.quality.model import STANCES_RARE
 from jgait.types import SIDES, AnyArray, Estimate, Flags, Legs, Recording, RecordingError, as_float, check_recording
 
 if TYPE_CHECKING:
@@ -156,7 +159,6 @@ def analyse(
         total = total._replace(stddev=spread)
     crossed = [side for side in SIDES if findings.crossed & {f"thigh_{side}", f"shank_{side}"}]
     bent = {note for source in estimates for side in crossed for note in knee_notes(source.estimate, side)}
-    stated = [note for source in estimates for note in source.estimate.diagnostics["notes"] if note not in bent]
     unusable, angle_notes = _angles(estimates, worn, crossed, axes | late | turned)
     differ = [*apart, *angle_notes]
     off = findings.clocks.union(*late_pairs, (name for name, facts in quality.items() if facts.acc_late))
@@ -173,6 +175,7 @@ def analyse(
             strides = strides._replace(stddev=with_share(strides.stddev, strides.strides, by_rate))
         if total is not None:
             total = total._replace(stddev=float(np.hypot(total.stddev, by_rate * total.distance[-1])))
+    stated = [note for source in estimates for note in _stated(source, strides, total) if note not in bent]
     estimate = _assembled(estimates, strides, total, walking.spans)
     follow = {*writer.contradictions(recording.quality)}.difference(writer.contradictions(quality))
     of_reader = [note for note in recording.notes if note not in follow]
@@ -184,6 +187,20 @@ def analyse(
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, **facts})
     rows = comparisons(estimates, strides, ways, total)
     return Analysis(estimate, tuple(estimates), strides, tuple(rows), order, body)
+
+
+def _stated(source: SourceEstimate, strides: JoinedStrides | None, total: WalkedDistance | None) -> list[Note]:
+    """The notes of a source; one that forbids its strides or its distance is a doubt where other sources give them."""
+    notes = []
+    for note in source.estimate.diagnostics["notes"]:
+        spared = False
+        if note.code == STANCES_RARE.code and strides is not None and len(strides.rows) > 1:
+            spared = bool(np.mean(as_float(strides.stddev.length) > UNCERTAIN) <= DOUBTED_SHARE)
+        elif note.code == DISTANCE_DOUBTFUL.code and total is not None:
+            spared = source.name not in total.source.split("+")
+            note = note.kind.note(f"{source.name}: {note.kind.text}", **note.values) if spared else note
+        notes.append(replace(note, kind=note.kind._replace(severity="check")) if spared else note)
+    return notes
 
 
 def _angles(

@@ -121,9 +121,11 @@ def leave_out(nodes: dict[str, np.ndarray], lost: np.ndarray, time: np.ndarray) 
 
 
 def notes_of(
-    nodes: dict[str, np.ndarray], contacts: int, placement: str, time: np.ndarray
+    nodes: dict[str, np.ndarray], contacts: int, placement: str, time: np.ndarray, acc: np.ndarray
 ) -> tuple[SensorQuality, list[Note]]:
-    """Walking that the recording cuts off, and notes about it and about the bouts of a sensor; `time` (T,) is in s."""
+    """Walking that the recording cuts off, and notes about it and about the bouts of a sensor; `time` (T,) is in s,
+    `acc` (T, 2) the trunk's acceleration forward and up.
+    """
     if not contacts:
         return SensorQuality(unusable=True), [NO_STEPS(placement=placement)]
     fresh = np.flatnonzero(nodes["fresh"])
@@ -136,9 +138,24 @@ def notes_of(
         return SensorQuality(), notes
     at, stands = nodes["contact"], nodes["stands"]
     stride_s = float(np.median(at[ends] - at[ends - 2]))
+    rows, steps = nodes["at"], np.flatnonzero(nodes["steps"])
     before, after = (
-        0.0 if still or not LEAST_CUT_STRIDES < seconds / stride_s < MOST else float(seconds)
-        for seconds, still in ((at[0] - time[0], stands[0]), (time[-1] - at[-1], stands[-1]))
-    )
+        float(seconds)
+        if not still and LEAST_CUT_STRIDES < seconds / stride_s < MOST and not _calm(acc, edge, begins)
+        else 0.0
+        for seconds, still, edge, begins in (
+            (at[0] - time[0], stands[0], (0, rows[0]), rows[steps] - rows[0]),
+            (time[-1] - at[-1], stands[-1], (rows[-1], len(time)), rows[steps - 1]),
+        )
+    )  # fmt: skip
     cut = SensorQuality(walks_before=before, walks_after=after)
     return cut, notes + cut_notes({placement: cut})
+
+
+def _calm(acc: np.ndarray, edge: tuple[int, int], begins: np.ndarray) -> bool:
+    """Whether the acceleration (T, 2) varies less from the first to the second sample of `edge` than in every stretch
+    of this length that begins with a step, or ends with one.
+    """
+    size = edge[1] - edge[0]
+    of_steps = [acc[row : row + size].var(axis=0).sum() for row in begins if 0 <= row <= len(acc) - size]
+    return bool(acc[slice(*edge)].var(axis=0).sum() < min(of_steps, default=0.0))

@@ -72,7 +72,8 @@ def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walke
     """The estimate that `run` returns: motion of the trunk, intervals between nodes and distances over them."""
     row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
     there = row < inputs.count
-    distance, spread = _along(inputs, xp.stack([walked.distance, walked.distance_sd], axis=1), there).T
+    way = walked.distance - xp.cumsum(xp.minimum(walked.step, 0.0))  # a sway back is no way
+    distance, spread = _along(inputs, xp.stack([way, walked.distance_sd], axis=1), there).T
     strides, deviations, flags = _strides(inputs, intervals, walked, there)
     diagnostics = {
         **walked.diagnostics,
@@ -103,8 +104,10 @@ def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
 def _strides(
     inputs: WaistInputs, intervals: Intervals, walked: WaistWalk, there: PyTree
 ) -> tuple[Strides, Strides, Values]:
-    """Strides of both feet, their standard deviations and flags; one row per node."""
-    valid = inputs.stride & there
+    """Strides of both feet, their standard deviations and flags; one row per node. Where the trunk does not go forward
+    there is no stride.
+    """
+    valid = inputs.stride & there & (walked.stride > 0.0)
     start, end = earlier(inputs.contact, 2), inputs.contact
     duration = xp.maximum(end - start, 1e-3)
     turn = intervals.turn + earlier(intervals.turn, 1)
@@ -203,7 +206,7 @@ def _slow(result: Estimate, inputs: WaistInputs) -> tuple[np.ndarray, list[Note]
     length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
     kept = np.asarray(strides.valid, bool)
     beside = np.convolve(inputs.stands, np.ones(2 * EDGE_STEPS + 1), mode="same") > 0.0
-    rows = np.flatnonzero(inputs.stride)
+    rows = np.abs(np.subtract.outer(as_float(strides.end), as_float(inputs.contact))).argmin(axis=1)
     noted = slow = kept & (speed < SLOW) & (np.abs(turn) <= LARGEST_TURN) & ~(beside[rows] & beside[rows - 1])
     whole = kept & ~np.asarray(result.diagnostics["half"], bool)
     whole = whole if whole.any() else kept

@@ -183,6 +183,23 @@ def test_a_waist_with_too_short_strides_does_not_pull_what_feet_measure():
     assert np.median(waist.strides.length) > 1.2 * np.median(strides.length)
 
 
+def test_a_source_that_knows_its_strides_badly_forbids_nothing_that_others_measure():
+    people, way, key = (
+        simulate.population(jax.random.key(50), 6, recorded=True),
+        simulate.straight(2.0),
+        jax.random.key(51),
+    )
+    person = simulate.covering(jax.random.fold_in(key, 1), simulate.person_of(people, 1), way)
+    recording, _ = simulate.recording(jax.random.fold_in(key, 1), person, way, placements=(*FEET, "lower_back"))
+    both, alone = (jgait.analyse(r, {"height": 1.75}) for r in (recording, only(recording, "lower_back")))
+    forbidden = "stances_rare", "distance_doubtful"
+    for found, severity in ((both, "check"), (alone, "stop")):
+        assert {(note.code, note.severity) for note in of_code(found.notes, *forbidden)} == {
+            (code, severity) for code in forbidden
+        }
+    assert max(both.estimate.strides_stddev.length) < 0.1 and both.estimate.distance[-1] == pytest.approx(2.0, rel=0.1)
+
+
 def test_in_running_feet_alone_count():
     way, key = simulate.straight(16.0), jax.random.key(1)
     person = simulate.covering(key, simulate.walking(simulate.Person(), "running"), way)

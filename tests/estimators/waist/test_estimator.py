@@ -206,6 +206,14 @@ def test_walking_that_the_recording_cuts_off_is_noted(straight):
         assert [note.values["does"] for note in of_code(notes, "walking_cut")] == noted
 
 
+@pytest.mark.parametrize("name", ["2-2", "8-1", "17-1"])
+def test_who_stands_after_the_last_contact_does_not_walk_there(data, name):
+    """These recordings of `ipol_gait` end within a second after the last contact, too early for a rest."""
+    (walk,) = data("ipol_gait", name)
+    back = walk.recording._replace(sensors={"lower_back": walk.recording.sensors["lower_back"]})
+    assert waist.prepared(back).quality["lower_back"].walks_after == 0.0
+
+
 def test_each_bout_is_one_of_its_own():
     made = walk(steps=6, quiet=5.5)
     one, two = (estimated(r) for r in (cut(made.recording, 2.5), joined(*[cut(made.recording, 2.5)] * 2)))
@@ -218,6 +226,13 @@ def test_each_bout_is_one_of_its_own():
     late = two.strides.start[np.flatnonzero(two.strides.start > 9.0)]
     early = two.strides.end[np.flatnonzero(two.strides.start < 9.0)]
     assert len(late) >= 5 and len(early) >= 5 and early.max() < 9.0
+
+
+def test_nobody_walks_backwards(data):
+    """In two movements of this recording between rests the trunk swayed back."""
+    (walk,) = data("mobgap_lab", "HA/001/Test11/Trial1")
+    estimate = waist.estimate(WaistParams(), walk.recording)
+    assert np.min(estimate.strides.length) > 0.0 and np.min(np.diff(estimate.distance)) > -1e-9
 
 
 @pytest.mark.parametrize("stop", [0.7, 1.5])
