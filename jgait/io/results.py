@@ -9,7 +9,7 @@ import numpy as np
 from jgait.estimators.columns import COLUMNS, QUANTITIES
 from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.plausible import distance_implausible
-from jgait.estimators.stride_flags import BREAK, EVERY, SIDE_UNKNOWN, STRIDE_FLAGS, marks, pauses, without
+from jgait.estimators.stride_flags import EVERY, SIDE_UNKNOWN, STRIDE_FLAGS, marks, without
 from jgait.estimators.totals import angles_usable, distance_of, joint_ranges
 from jgait.io.strides import bout_numbers, strides_to_dataframe
 from jgait.io.summary import SUMMARY, summary
@@ -145,7 +145,9 @@ class Results:
 
     @cached_property
     def bouts(self) -> "pd.DataFrame":
-        """One row for each walking bout, with what the distance gains from a second before to a second after it."""
+        """One row for each walking bout, with what the distance gains from a second before to a second after it; the
+        bout begins and ends where the distance begins and ends to grow there.
+        """
         import pandas as pd
 
         strides, estimate = self.counted.assign(regular=self.regular), self.estimate
@@ -158,12 +160,18 @@ class Results:
             first, last = (np.array([bout[at] for bout in bouts]) for at in (2, 3))
             begin = np.maximum(first - 1.0, [time[0], *middles])
             end = np.minimum(last + 1.0, [*middles, time[-1]])
-            distances = np.interp(end, time, way) - np.interp(begin, time, way)
+            gone, until = np.interp(begin, time, way), np.interp(end, time, way)
+            distances = until - gone
+            for row, (name, of_bout, start, stop) in enumerate(bouts):
+                grows = (time >= begin[row]) & (time <= end[row]) & (way > gone[row]) & (way < until[row])
+                walks = time[grows & ~np.isclose(way, gone[row]) & ~np.isclose(way, until[row])]
+                bouts[row] = name, of_bout, min([start, *walks[:1]]), max([stop, *walks[-1:]])
             spread = (distance_of(estimate) or (0.0, None))[1]
             error = np.nan if spread is None or not way[-1] > 0.0 else spread / way[-1]
         rows = []
         for (number, of_bout, start, end), distance in zip(bouts, distances, strict=True):
-            medians = of_bout[["stride_length_m", "walking_speed_mps", "stride_duration_s"]].median()
+            names = ["stride_length_m", "walking_speed_mps", "stride_duration_s"]
+            medians = of_bout.reindex(columns=names).median()  # an estimate may state no speed
             rows.append({
                 "wb_id": number, "start_s": start, "end_s": end, "duration_s": end - start, "n_strides": len(of_bout),
                 "n_regular": int(of_bout["regular"].sum()), "distance_m": distance, "distance_std_m": error * distance,
@@ -215,9 +223,7 @@ class Results:
         if not self.cycles:
             totals.append(Total("strides", f"{len(self.base)}, {self.regular.sum()} regular", "strides"))
         if timed:
-            start, end = self.base["start_s"].to_numpy(float), self.base["end_s"].to_numpy(float)
-            breaks = pauses(start, end)[pauses(start, end) > BREAK]
-            lasts, bouts = np.nanmax(end) - start[0] - breaks.sum(), len(breaks) + 1
+            lasts, bouts = self.bouts["duration_s"].sum(), len(self.bouts)
             totals.append(Total("walking", f"{lasts:.1f} s in {bouts} {'bout' if bouts == 1 else 'bouts'}"))
         if (whole := distance_of(estimate)) is not None:
             text = COLUMNS["distance_m"].text(*whole) + ", not usable" * distance_implausible(estimate)
@@ -268,7 +274,8 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     `bouts`: `wb_id start_s end_s duration_s n_strides n_regular distance_m distance_std_m stride_length_m
     walking_speed_mps cadence_spm`; a bout ends with a break of more than 3 s; lengths and speeds are medians
     over its `n_regular` regular strides, the cadence also over clipped and doubtful ones; they say little about a bout
-    on stairs or in turns; `distance_m` is the bout's part of the combined distance. The bouts add up to it, unless
+    on stairs or in turns; `distance_m` is the bout's part of the combined distance, from `start_s` to `end_s`, where it
+    grows, steps before the first and after the last stride included. The bouts add up to it, unless
     samples are lost between them. `distance_std_m` is the same part of the distance's deviation: as there, errors of
     strides are taken to have one cause, so that they add up. Errors of single strides do not, and a bout of a few
     strides can be off by more.

@@ -28,6 +28,12 @@ def test_bouts_share_the_distance_and_the_strides(results):
     assert results.bouts["distance_m"].sum() == pytest.approx(1.2 * 8.0)
     np.testing.assert_allclose(results.bouts["distance_std_m"], 0.05 * results.bouts["distance_m"])
     np.testing.assert_allclose(results.bouts["cadence_spm"], 120.0)
+    estimate = results.estimate
+    early = np.interp(estimate.time + 0.4, estimate.time, estimate.distance)  # a step before the first stride
+    bouts = Results(estimate._replace(distance=early)).bouts
+    np.testing.assert_allclose(bouts["start_s"], [1.6, 11.6], atol=0.02)
+    np.testing.assert_allclose(bouts["duration_s"], [4.9, 3.9], atol=0.02)
+    assert bouts["distance_m"].sum() == pytest.approx(1.2 * 8.0)
 
 
 def test_totals_state_what_the_tables_hold(results):
