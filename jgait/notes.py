@@ -291,9 +291,9 @@ def _plain(value: object) -> Value:
 # Meanings that several kinds share.
 
 LOSSES = (
-    "Part of the data did not arrive. Short losses are bridged, with a larger standard deviation; strides across long "
-    "ones are missing or less certain. The distance of one estimator, and its deviation, do not contain what is walked "
-    "in long ones; those of all sensors together do."
+    "Part of the data did not arrive, or cannot have been measured. Short losses are bridged, with a larger standard "
+    "deviation; strides across long ones are missing or less certain. The distance of one estimator, and its "
+    "deviation, do not contain what is walked in long ones; those of all sensors together do."
 )
 
 CLIPPING = (
@@ -331,8 +331,6 @@ DEFAULT_MEASURE = (
     "person differs from it. Measure it and compute the result again."
 )
 
-CORRECTED = "The error was found in the data and corrected; nothing needs to be done."
-
 SCALE = (
     "The accelerometer's scale is a little off, as it often is; the moments of rest show by how much, and the error "
     "was corrected."
@@ -341,12 +339,14 @@ SCALE = (
 DATA_LOST = Kind("data_lost", "check", "", LOSSES)
 """Rows, samples or values that a file lacks, or that a reader left out."""
 
-_DEDUCED = "The file does not state this; it was computed from the file's numbers. Check it against the device."
-DEDUCED = Kind("deduced", "info", "", _DEDUCED)
-"""What a reader computed from the numbers of a file."""
+DEDUCED = Kind("deduced", "info", "", "The file does not state this. Check it against the device.")
+"""What a reader computed from the numbers of a file, or assumed."""
 
-AS_READ = Kind("as_read", "info", "", "This says how the data were read; no result is less certain for it.")
+BY_NAME = Kind("by_name", "info", "", "This follows from names in the file. Check that they mean what is written here.")
+"""What a reader recognised by a name."""
+
+AS_READ = Kind("as_read", "info", "", "This says how the data were read; nothing needs to be done.")
 """The source of the data, and how they were read."""
 
-LEFT_OUT = Kind("left_out", "info", "", "These parts of the data are not used; what would need them is missing.")
+LEFT_OUT = Kind("left_out", "info", "", "Nothing is computed from these parts of the data.")
 """Parts that were left out of a recording or its reference."""

@@ -16,7 +16,7 @@ from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.totals import FOOT_PATH, JOINT_ANGLES, LEG_STRIDES, WAY, distance_of, has_legs, has_strides
 from jgait.io.results import CAPTION, Results
 from jgait.notes import Note, without_repeats
-from jgait.report.flags import of_result
+from jgait.report.flags import marked, of_result
 from jgait.report.page import Flag
 from jgait.types import Recording
 
@@ -130,9 +130,11 @@ def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:
         else:
             tables[table.name] = pd.DataFrame(table.rows(estimate))
     listed = {table.json: tables[table.name] for table in about.tables if table.json and table.name in tables}
-    rows = [*([total.words, total.text] for total in results.totals), *map(list, about.facts(estimate))]
     notes = tuple(estimate.diagnostics.get("notes", ()))
-    return _of(made, notes, results, tables, rows, listed, about.numbers(estimate))
+    flags = of_result(results, notes)
+    totals = marked(results.totals, flags)
+    rows = [*([total.words, total.text] for total in totals), *map(list, about.facts(estimate))]
+    return _of(made, notes, results, tables, rows, listed, about.numbers(estimate), flags)
 
 
 def of_analysis(made: Analysis) -> RecordingResults:
@@ -141,13 +143,14 @@ def of_analysis(made: Analysis) -> RecordingResults:
     tables = io.analysis_to_dataframes(made)
     kept = {name: table for name, table in tables.items() if len(table) or name == "summary"}  # many are joined
     listed = {name: table for name, table in tables.items() if name != "samples" and len(table)}
-    rows = [[total.words, total.text, total.source] for total in results.totals]
-    return _of(made, made.notes, results, kept, rows, listed, {"person": made.person})
+    flags = of_result(results, made.notes)
+    rows = [[total.words, total.text, total.source] for total in marked(results.totals, flags)]
+    return _of(made, made.notes, results, kept, rows, listed, {"person": made.person}, flags)
 
 
 def _of(
     made: PyTree, notes: tuple[Note, ...], results: Results, tables: "Mapping[str, pd.DataFrame]",
-    rows: list[list[str]], listed: "Mapping[str, pd.DataFrame]", more: Mapping[str, Any],
+    rows: list[list[str]], listed: "Mapping[str, pd.DataFrame]", more: Mapping[str, Any], flags: list[Flag],
 ) -> RecordingResults:  # fmt: skip
     estimate = results.estimate
     distance, deviation = distance_of(estimate) or (None, None)
@@ -156,4 +159,4 @@ def _of(
         "distance_m": distance, "distance_std_m": deviation, **more,
         **{name: json.loads(table.to_json(orient="records", double_precision=6)) for name, table in listed.items()},
     }  # fmt: skip
-    return RecordingResults(made, notes, tables, rows, numbers, of_result(results, notes))
+    return RecordingResults(made, notes, tables, rows, numbers, flags)

@@ -115,7 +115,8 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
         content = in_metres(content)
         for name, value in content.items():
             if name not in known:
-                raise ValueError(f"a person has {', '.join(sorted(known))}; got {name!r}")
+                names = ", ".join(sorted(known))
+                raise ValueError(f"a person has {names}, also with _m behind the name; got {name!r}")
             numbers, (low, high) = value if isinstance(value, list) else [value], known[name]
             if len(numbers) not in (1, 2) or not all(isinstance(v, int | float) for v in numbers):
                 raise ValueError(f"{name} is {low:g} to {high:g} m, one number or [right, left]; got {value!r}")

@@ -108,13 +108,15 @@ class Item(NamedTuple):
 def trials_of(file: Path, name: str, format: str | None, trial: str | None) -> list[Item]:
     """The recordings of a file: every trial of a Mobilise-D file, or the one that is asked for; else the file."""
     try:
-        several = trial is None and file.is_file() and (format or io.format_of(file)) == "mobilised"
-        trials = io.mobilised_trials(file) if several else ()
+        trials = io.mobilised_trials(file) if file.is_file() and (format or io.format_of(file)) == "mobilised" else ()
     except (OSError, ValueError):  # the reader will say what is wrong
         trials = ()
-    if len(trials) < 2:
+    chosen = [each for each in trials if trial in (None, each)] or [
+        each for each in trials if each.endswith(f"/{trial}")
+    ]
+    if len(trials) < 2 or not chosen or (trial is not None and len(chosen) > 1):
         return [Item(file, name, trial)]
-    return [Item(file, f"{name}_{of_trial.replace('/', '_')}", of_trial) for of_trial in trials]
+    return [Item(file, f"{name}_{each.replace('/', '_')}", each) for each in chosen]
 
 
 def how(

@@ -1,5 +1,6 @@
 """`jgait report`: one HTML page about a recording or a cohort."""
 
+import itertools
 import shlex
 import webbrowser
 from collections.abc import Sequence
@@ -39,7 +40,8 @@ def report(
         Path | None,
         typer.Argument(
             metavar="[WALK.csv|COHORT.csv|FOLDER]",
-            help="A recording, a table of recordings with a column `file`, or the folder that jgait evaluate wrote.",
+            help="A recording, as of jgait estimate, also a folder; a table of recordings with a column `file`; or the "
+            "folder that jgait evaluate wrote.",
         ),
     ] = None,
     dataset: cohorts.Dataset = None,
@@ -89,7 +91,7 @@ def report(
     if recording is not None and dataset is None:
         stop("--recording names a recording of a --dataset; there is none")
     table_of_cohort = dataset or simulated or what is None or is_cohort(what)
-    if what is not None and dataset is None and simulated is None and what.is_dir():
+    if what is not None and dataset is None and simulated is None and is_evaluation(what):
         page, failures = _of_folder(what, command)
     elif recording is not None or not table_of_cohort:
         if what is not None and dataset is not None:
@@ -127,10 +129,11 @@ def report(
 
 def command_of(words: Sequence[str]) -> str:
     """The command line of the words after `jgait`, with file names without folders."""
-    shown = ["jgait"]
-    for word in words:
+    shown, kept = ["jgait"], ("--trial", "--gyr-unit", "--acc-unit")  # options whose values have "/" and are no file
+    for before, word in itertools.pairwise(["", *words]):
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-        shown.append(option + equals + (Path(value).name if "/" in value or "\\" in value else value))
+        folder = ("/" in value or "\\" in value) and not {option, before} & {*kept}
+        shown.append(option + equals + (Path(value).name if folder else value))
     return shlex.join(word for word in shown if word != "--open")
 
 
@@ -180,6 +183,11 @@ def _moved(estimate: Estimate, walk: Walk) -> list[Section]:
         "Root mean square differences from walking off to standing again, without the mean difference at standing."
     )
     return [Section(MOVED, "", [Table(caption, ("", "difference [°]"), rows)])]
+
+
+def is_evaluation(folder: Path) -> bool:
+    """Whether a folder has files of `jgait evaluate`; else it is a recording."""
+    return any((folder / name).exists() for name in ("recordings.csv", ".jgait-evaluate.json"))
 
 
 def _of_folder(folder: Path, command: str) -> tuple[Report, int]:

@@ -211,28 +211,30 @@ def _width(estimate: Estimate) -> Values:
 
 TURNING = StrideFlag(
     "turning", "turning", "in a turn",
-    "Turns shorten the path of one foot and lengthen the path of the other; these strides are not in the means.",
+    "Turns shorten the path of one foot and lengthen the path of the other. The turn may be in a part of the stride. "
+    "These strides count in no mean or median.",
     _turning, EVERY, "info",
 )  # fmt: skip
 STAIRS = StrideFlag(
-    "stairs", "stairs", "on stairs", "Lengths on stairs are horizontal; these strides are not in the means.",
+    "stairs", "stairs", "on stairs", "Lengths on stairs are horizontal; these strides count in no mean or median.",
     _stairs, EVERY, "info",
 )  # fmt: skip
 CLIPPED = StrideFlag(
     "clipped", "clipped", "swing clipped",
-    "The swing was faster than the sensor's range, so the stride length is too small. Lengths and angles are not in "
-    "the means, times are.",
+    "The swing was faster than the sensor's range, so the stride length is too small. Lengths and angles "
+    "count in no mean or median, times do.",
     lambda estimate: stated(estimate, "clipped"), (*OF_PATH, *OF_ANGLES),
 )  # fmt: skip
 HALF = StrideFlag(
     "half", "half-step", "half-step",
-    "Strides from standing, which no initial contact begins, and short ones from or to standing; not in the means.",
+    "Strides from standing, which no initial contact begins, and short ones from or to standing. They count in no mean "
+    "or median.",
     lambda estimate: _with_stated(estimate, "half", half_strides), EVERY, "info",
 )  # fmt: skip
 UNEVEN_DURATION = StrideFlag(
     "uneven", "uneven", "uneven",
     "The stride lasts much longer or less long than those around it: it contains a pause, a turn on the spot or two "
-    "strides, or it is a part of a stride. Not in the means.",
+    "strides, or it is a part of a stride. It counts in no mean or median.",
     lambda estimate: _with_stated(estimate, "uneven", lambda strides, rows: uneven_strides(durations(strides)[rows])),
     EVERY,
 )  # fmt: skip
@@ -248,13 +250,13 @@ SIDE_UNKNOWN = StrideFlag(
 DOUBTFUL = StrideFlag(
     "doubtful", "doubtful", "in doubt",
     "The signals do not fit a step of walking: the foot slid, knelt or ran, or the sensor is loose or wrong. The "
-    "length can be off by far more than its stated deviation. Lengths, speeds, stances and foot angles are not in the "
-    "means; times from contact to contact and joint angles are.",
+    "length can be off by far more than its stated deviation. Lengths, speeds, stances and foot angles count in no "
+    "mean or median; times from contact to contact and joint angles do.",
     lambda estimate: stated(estimate, "doubtful"), (*OF_PATH, *OF_STANCE),
 )  # fmt: skip
 WIDTH = StrideFlag(
     "width", "width unsure", "width unsure",
-    "The distance between the feet is not known well enough there; these widths are not in the means.",
+    "The distance between the feet is not known well enough there; these widths count in no mean or median.",
     _width, ("stride_width_m", "step_length_m"),
 )  # fmt: skip
 

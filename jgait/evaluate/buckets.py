@@ -20,7 +20,7 @@ from jgait.evaluate.scores import Scores
 from jgait.evaluate.statistics import with_errors
 from jgait.evaluate.store import Cohort, frame
 from jgait.geometry.arrays import compiled
-from jgait.notes import to_json
+from jgait.notes import to_json, without_repeats
 from jgait.params import check_params
 from jgait.types import Estimate, RecordingError, Walk, reason_of
 
@@ -249,7 +249,7 @@ def tables(good: list[tuple[Ready, Estimate, Scores]], failures: list[Failed]) -
     whose = [(ready.name, ready.walk.recording.subject, estimate, scores) for ready, estimate, scores in good]
     recordings = [
         (*who, estimate.time.size, estimate.time[-1] - estimate.time[0], np.mean(estimate.valid),
-         to_json((*estimate.diagnostics["notes"], *scores.notes)))
+         to_json(without_repeats((*estimate.diagnostics["notes"], *scores.notes))))
         for *who, estimate, scores in whose
     ]  # fmt: skip
     quantities = [

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from jgait.estimators.checks import FEWEST_SAMPLES
-from jgait.notes import AS_READ, DATA_LOST, DEDUCED, Kind, Note
+from jgait.notes import DATA_LOST, DEDUCED, Kind, Note
 from jgait.quality import SensorQuality, merged
 from jgait.types import Recording, RecordingError, as_float
 
@@ -60,6 +60,15 @@ TIMES_CORRECTED = Kind(
     "times_corrected", "corrected", "",
     "A sensor samples evenly. Rows that got the times at which they arrived were moved to even times, signals with "
     "clocks of their own to one clock; all times may be late by about the jitter.",
+)  # fmt: skip
+
+
+RATE_STATED = Kind(
+    "rate_stated", "info",
+    "there are no time stamps: times follow from the stated sampling rate of {rate_hz:.5g} Hz, which is taken to be "
+    "right within {spread:.0%}",
+    "If the rate is off by 1 %, times are off by 1 %, and lengths and distances by 2 %; their deviations contain that. "
+    "Time stamps in the file make them more certain.",
 )  # fmt: skip
 
 
@@ -169,11 +178,7 @@ oscillators of their own, with a tolerance of 1 % by the data sheets (MPU-6050: 
 def by_stated_rate(recording: Recording) -> Recording:
     """The recording of a file without time stamps, whose rate only its user states: a fact, and a note on it."""
     facts = dict.fromkeys(recording.sensors, SensorQuality(time_spread=TIME_SPREAD))
-    note = AS_READ.note(
-        "there are no time stamps: times follow from the stated sampling rate of {rate_hz:.5g} Hz, which is taken to "
-        "be right within {spread:.0%}; if it is off by 1 %, times are off by 1 %, and lengths and distances by 2 %",
-        rate_hz=recording.sampling_rate_hz, spread=TIME_SPREAD,
-    )  # fmt: skip
+    note = RATE_STATED(rate_hz=recording.sampling_rate_hz, spread=TIME_SPREAD)
     quality = merged(recording.quality, facts)
     return recording._replace(quality=quality, notes=(*recording.notes, note))
 

@@ -101,8 +101,6 @@ def on_one_counter(placed: "dict[str, Part]", name: str, notes: list[Note]) -> "
                 f"{name}: {gap} packets of {where} are missing in a row, more than {LONGEST_GAP_S:g} s; "
                 "split the recording there"
             )
-        if lost := length - np.unique(packets[kept]).size:
-            notes.append(DATA_LOST.note(f"packets lost and masked: {lost}", placement=where))
         if not kept.all():
             ends = f"packets at the ends that other sensors do not have left out: {(~kept).sum()}"
             notes.append(AS_READ.note(ends, placement=where))

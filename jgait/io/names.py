@@ -167,6 +167,10 @@ def sensor_of(name: str) -> tuple[str, str] | None:
     return (label[0], channel) if label else None
 
 
+RATE_UNIT = re.compile(r"(deg|rad|°)\w*\s*(/|per)\s*s", re.IGNORECASE)
+"""A unit of angular rates in the name of a column."""
+
+
 def like_a_signal(name: str) -> bool:
     """Whether a column's name is that of a gyroscope's or an accelerometer's axis, at any place."""
     return _signal(_words(name)) is not None
@@ -253,7 +257,9 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
         return RecordingError(f"{name} has no header: it begins with {_few(given)}; write names of its columns above")
     signals = {kind: [column for column in given if states(column, kind)] for kind in ("gyr", "acc")}
     if signals["acc"] and not signals["gyr"]:
-        return RecordingError(f"{name} holds no gyroscope, which every method needs; found {_few(signals['acc'])}")
+        rates = [column for column in given if RATE_UNIT.search(column) or "omega" in column.lower()]
+        found = f"if {rates[0]!r} is its rate, call it <placement>_gyr_x" if rates else f"found {_few(signals['acc'])}"
+        return RecordingError(f"{name} holds no gyroscope, which every method needs; {found}")
     if not lacking and any(column_of(column) in CHANNELS and not _unclear(column, given) for column in given):
         return RecordingError(
             f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "

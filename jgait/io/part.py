@@ -30,6 +30,7 @@ class Part(NamedTuple):
     gyr_unit: str | None = None
     acc_unit: str | None = None  #: a key of `jgait.io.units.ACC_UNITS`; None: neither does.
     placement: str | None = None  #: the placement, if the file states it beyond doubt; see `jgait.types.PLACEMENTS`.
+    stated: bool = False  #: whether the caller states the placement.
     #: (T,) whole numbers of the samples, increasing, by which all parts of the file count; or None. What was lost on
     #: the way has none. Parts that have them need no `time`.
     packets: np.ndarray | None = None

@@ -33,8 +33,9 @@ SOURCES = ["quantity", "unit", "source", "value", "std", "n_strides"]
 """Columns of tables without rows; with rows, the table of strides has those that its sensors measure."""
 
 CAPTION = (
-    "± one standard deviation, of one stride or of the distance; medians over strides that are no turns, stairs, "
-    "half-steps or uneven, of lengths and speeds also without clipped and doubtful ones; stance of those that a foot's "
+    "± one standard deviation, of one stride or of the distance; medians over regular strides, which are no turns, "
+    "stairs, half-steps or uneven (a stride can be several of these), of lengths and speeds also without clipped and "
+    "doubtful ones; stance of those that a foot's "
     "sensor measured, mean of both sides; angles: smallest … largest flexion; whole tables in the files"
 )
 """Text below the numbers of `Results.totals`."""
@@ -229,19 +230,17 @@ class Results:
             text = COLUMNS["distance_m"].text(*whole) + ", not usable" * distance_implausible(estimate)
             totals.append(Total("distance", text, "distance"))
         if not self.cycles and len(self.base):
-            usual = self.counted
-            medians = usual.select_dtypes("number").median()
-            wide = "stride_width_m" in usual and bool(self.base["stride_width_m"].notna().any())
+            medians = self.summary.set_index("measure")["median"]
+            deviations = self.counted.select_dtypes("number").median()
+            wide = "stride_width_m" in self.base and bool(self.base["stride_width_m"].notna().any())
             for name in ("stride_length_m", "walking_speed_mps", *["stride_width_m"] * wide):
                 column = COLUMNS[name]
-                text = column.text(medians.get(column.name), medians.get(column.deviation))
+                text = column.text(medians.get(column.quantity), deviations.get(column.deviation))
                 totals.append(Total(column.words, text, column.quantity))
             if timed:
-                totals.append(Total("cadence", COLUMNS["cadence_spm"].text(120.0 / medians["stride_duration_s"])))
-                stands = (usual.get("final_contact_s", np.nan) - usual["start_s"]) / usual["stride_duration_s"]
-                feet = usual["source"] == "feet"  # a shank shows the final contact too late
-                stance = 100.0 * stands[feet].groupby(usual["side"][feet]).median().mean()
-                totals.append(Total("stance", f"{stance:.0f} % of the stride" if np.isfinite(stance) else "–"))
+                totals.append(Total("cadence", COLUMNS["cadence_spm"].text(medians.get("cadence"))))
+            if "stance" in medians:
+                totals.append(Total("stance", f"{medians['stance']:.0f} % of the stride"))
         for joint, pair in joint_ranges(estimate).items():
             if pair is not None:
                 usable = estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True)

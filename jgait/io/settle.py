@@ -19,7 +19,7 @@ from jgait.io.dates import date_of
 from jgait.io.names import NOT_USED, no_placement, placement_of
 from jgait.io.part import Measured, Part
 from jgait.io.units import Unit
-from jgait.notes import AS_READ, DEDUCED, LEFT_OUT, Note
+from jgait.notes import AS_READ, BY_NAME, DEDUCED, LEFT_OUT, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError, as_float
 
 
@@ -73,7 +73,7 @@ def settle(
 
 def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: list[Note]) -> dict[str, Part]:
     """Placement → part; what is left out is noted."""
-    labels, known = [part.label for part in parts], ", ".join(PLACEMENTS)
+    labels = [part.label for part in parts]
     if not parts:
         raise RecordingError(f"{name} holds no inertial sensor")
     for label, place in chosen.items():
@@ -93,13 +93,15 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
             both = f"the sensors {placed[where].label!r} and {part.label!r} both sat at {where}"
             raise RecordingError(f"{name}: {both}; state which is which by {{argument}}", argument="placements")
         if part.label != where:
-            kind, sat = (AS_READ, "was stated to sit") if part.label in chosen else (DEDUCED, "is taken to have sat")
+            stated = part.stated or part.label in chosen
+            kind, sat = (AS_READ, "was stated to sit") if stated else (BY_NAME, "is taken to have sat")
             notes.append(kind.note(f"the sensor {part.label!r} {sat} at {where}"))
         placed[where] = part
     if not placed:
         raise RecordingError(
-            f"{name} does not state where its sensors sat: pass {{argument}}; its sensors are {labels}, known "
-            f"placements {known}", argument="placements", value={labels[0]: "shank_right"},
+            f"{name} does not state where its sensors sat: pass {{argument}}; its sensors are {', '.join(labels)}; "
+            "places are waist, lower_back, foot_right, shank_left and so on; a wrong one lists all",
+            argument="placements", value={labels[0]: "shank_right"},
         )  # fmt: skip
     if nowhere:
         notes.append(LEFT_OUT.note(f"left out: {', '.join(nowhere)}"))

@@ -11,8 +11,8 @@ from jgait.types import SIDES
 if TYPE_CHECKING:
     import pandas as pd
 
-SUMMARY = ["measure", "unit", "n_strides", "steady", "mean", "std", "cv_pct", "error_std", *SIDES, "asymmetry_pct",
-           "asymmetry_std_pct"]  # fmt: skip
+SUMMARY = ["measure", "unit", "n_strides", "steady", "median", "mean", "std", "cv_pct", "error_std", *SIDES,
+           "asymmetry_pct", "asymmetry_std_pct"]  # fmt: skip
 """Columns of the table, also if it has no rows."""
 
 MEASURES = tuple(column for column in COLUMNS.values() if column.summarised)
@@ -54,6 +54,8 @@ def summary(
 
     Columns:
         measure unit n_strides steady: the measure, and how many strides of which kind count.
+        median: over all regular strides, also those that are not steady, as `io.Results.totals` has it; of the stance
+            the mean of both sides' medians.
         right left: means of the sides, over strides at the time of which the other side has one that counts as well:
             else the sides would differ because one of them measured other bouts. Of a single side, over all strides.
             Of a side whose errors are stated to be three times as large, or more, there is none: it is measured by
@@ -103,24 +105,14 @@ def summary(
     known = table.get("side_known", pd.Series(True, table.index)).astype(bool)
     sided = bool(known.all())
     alike = enough and sided and len({frozenset(of["source"]) for _, of in table.groupby("side")}) == 1
-    columns = {column.name: table.get(column.name) for column in MEASURES}
-    columns |= {"step_duration_s": _step_durations(table, strides), "stance_pct": None}
-    if {"final_contact_s", "stride_duration_s"} <= set(table):
-        stance = 100.0 * (table["final_contact_s"] - table["start_s"]) / table["stride_duration_s"]
-        columns["stance_pct"] = stance.where((table["source"] == CONTACTS) & (stance > 0.0))
-    if "stride_duration_s" in table:
-        columns["cadence_spm"] = 120.0 / table["stride_duration_s"]
-    if "stride_width_m" not in table:
-        columns["step_length_m"] = None
+    columns, every = _measures(table, strides), _measures(strides[regular], strides)
     rows = []
     for column in MEASURES:
-        name, unit, values = column.quantity, column.unit, columns[column.name]
-        if values is None:
+        name, unit = column.quantity, column.unit
+        if (values := columns.get(name)) is None or not len(values):
             continue
-        usable = table.get(USABLE.get(name, ""), pd.Series(True, table.index)).astype(bool)
-        values = values[usable].dropna().astype(float)
-        if not len(values):
-            continue
+        usual = every[name]
+        median = usual.groupby(strides["side"]).median().mean() if name == "stance" else usual.median()
         errors = table.get(column.deviation, pd.Series(np.nan, table.index))[values.index].dropna()
         if sided and (coarse := _coarse(errors, table)):
             values = values[table.loc[values.index, "side"] != coarse]
@@ -140,8 +132,9 @@ def summary(
             right, left = np.nan, np.nan
         unsure = _side_error(name, error, table) if alike and np.isfinite(right - left) else np.nan
         rows.append({
-            "measure": name, "unit": unit, "n_strides": len(values), "steady": enough, "mean": mean, "std": std,
-            "cv_pct": np.nan if unit == "deg" else 100.0 * std / mean, "error_std": error, "right": right, "left": left,
+            "measure": name, "unit": unit, "n_strides": len(values), "steady": enough, "median": median, "mean": mean,
+            "std": std, "cv_pct": np.nan if unit == "deg" else 100.0 * std / mean, "error_std": error,
+            "right": right, "left": left,
             "asymmetry_pct": 100.0 * (right - left) / mean if np.isfinite(unsure) else np.nan,
             "asymmetry_std_pct": 100.0 * unsure / mean,
         })  # fmt: skip
@@ -149,6 +142,26 @@ def summary(
     if distance is not None:
         rows.append({**whole, "mean": distance[0], "error_std": distance[1]})
     return pd.DataFrame(rows, columns=SUMMARY)
+
+
+def _measures(table: "pd.DataFrame", strides: "pd.DataFrame") -> "dict[str, pd.Series]":
+    """Measure → its usable values in the strides of a table, which are some of all strides."""
+    import pandas as pd
+
+    columns = {column.name: table.get(column.name) for column in MEASURES}
+    columns |= {"step_duration_s": _step_durations(table, strides), "stance_pct": None}
+    if {"final_contact_s", "stride_duration_s"} <= set(table):
+        stance = 100.0 * (table["final_contact_s"] - table["start_s"]) / table["stride_duration_s"]
+        columns["stance_pct"] = stance.where((table["source"] == CONTACTS) & (stance > 0.0))
+    if "stride_duration_s" in table:
+        columns["cadence_spm"] = 120.0 / table["stride_duration_s"]
+    if "stride_width_m" not in table:
+        columns["step_length_m"] = None
+    every, values = pd.Series(True, table.index), {column.quantity: columns[column.name] for column in MEASURES}
+    return {
+        name: of[table.get(USABLE.get(name, ""), every).astype(bool)].dropna().astype(float)
+        for name, of in values.items() if of is not None
+    }  # fmt: skip
 
 
 def _coarse(errors: "pd.Series", table: "pd.DataFrame") -> str | None:

@@ -28,7 +28,7 @@ from jgait.io.part import Measured, Part
 from jgait.io.settle import settle
 from jgait.io.text import read_table
 from jgait.io.units import unit_of_columns
-from jgait.notes import DATA_LOST, DEDUCED, LEFT_OUT, Kind, Note
+from jgait.notes import BY_NAME, DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import PLACEMENTS, Recording, RecordingError
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ def _about(matched: list[tuple[str, str]], others: list[str]) -> list[Note]:
     if matched:
         sensors = [pair for pair in matched if pair[1] != "time"] or matched
         examples = " and ".join(f"{theirs!r} as {ours}" for theirs, ours in sensors[:2])
-        notes.append(DEDUCED.note(f"columns recognised by their names: {len(matched)}, such as {examples}"))
+        notes.append(BY_NAME.note(f"columns recognised by their names: {len(matched)}, such as {examples}"))
     if signals := [name for name in others if like_a_signal(name)]:
         notes.append(SIGNALS_LEFT_OUT(columns=signals))
     if rest := [name for name in others if name not in signals]:

@@ -82,13 +82,13 @@ def _limits(axis: Axes, limits: Limits, unit: str) -> None:
     apart = 0.11 * float(np.ptp(axis.get_ylim()))  # labels of two lines do not overlap
     for name, style, at, value, low, high, place in (
         ("bias", "-", 1.035, bias, limits.bias_low, limits.bias_high, bias),
-        ("upper 95 %", DASHED, 1.015, *limits[7:10], max(limits.upper, bias + apart)),
-        ("lower 95 %", DASHED, 1.015, *limits[4:7], min(limits.lower, bias - apart)),
+        ("upper 95 %", DASHED, 1.01, *limits[7:10], max(limits.upper, bias + apart)),
+        ("lower 95 %", DASHED, 1.06, *limits[4:7], min(limits.lower, bias - apart)),
     ):
         axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
         axis.plot([at, at], [low, high], "_-", color="black", transform=beside, clip_on=False, markersize=6)
         text = f"{name}\n{_number(value)}{' ' + unit if unit else ''}"
-        axis.text(1.05, place, text, transform=beside, fontsize=8, va="center")
+        axis.text(1.08, place, text, transform=beside, fontsize=8, va="center")
 
 
 def _number(value: float) -> str:
@@ -105,11 +105,13 @@ def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", title: 
     sizes = {str(name): values.to_numpy() for name, values in size.groupby(rows["subject"], sort=True)}
     names = sorted(sizes, key=lambda name: (float(np.median(sizes[name])), sizes[name].max()))
     figure, axis = _list(names)
+    several = max(map(len, sizes.values())) > 1  # of one error a person there is no middle half
     for row, name in enumerate(names):
         low, middle, high = np.quantile(sizes[name], [0.25, 0.5, 0.75])
         label = {} if row else {"half": "middle half", "median": "median", "worst": "worst"}
-        axis.plot([sizes[name].min(), sizes[name].max()], [row, row], color="0.7", linewidth=1.0)
-        axis.plot([low, high], [row, row], linewidth=5.0, label=label.get("half"), **HALF)
+        if several:
+            axis.plot([sizes[name].min(), sizes[name].max()], [row, row], color="0.7", linewidth=1.0)
+            axis.plot([low, high], [row, row], linewidth=5.0, label=label.get("half"), **HALF)
         axis.plot(middle, row, label=label.get("median"), **MEDIAN)
         axis.plot(sizes[name].max(), row, label=label.get("worst"), **WORST)
     whole = float(np.median([np.median(values) for values in sizes.values()]))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jgait.plot.style import Figure, blank
+from jgait.plot.style import AXES, Figure, blank
 from jgait.types import Recording, as_float
 
 
@@ -21,8 +21,8 @@ def signals(recording: Recording, *, title: str = "") -> Figure:
                 panel.set_axis_off()
                 continue
             known = np.where(lost, np.nan, as_float(values))
-            for column, (axis, line) in zip(known.T, (("x", "-"), ("y", "--"), ("z", ":")), strict=True):
-                panel.plot(as_float(imu.time), column, line, color="black", linewidth=0.8, label=axis)
+            for column, axis, line in zip(known.T, "xyz", AXES, strict=True):
+                panel.plot(as_float(imu.time), column, **(line | {"linewidth": 0.8}), label=axis)
             panel.grid(alpha=0.3)
     axes[0, 0].set_title("angular rate [deg/s]")
     axes[0, 1].set_title("specific force [m/s²]")

@@ -132,7 +132,7 @@ def _of_numbers(cohort: Cohort, usable: Cohort) -> Iterator[Flag]:
     if 0 < people < 10:
         meaning = "Limits of agreement of few people are uncertain themselves; their intervals are drawn beside them."
         if people < FEWEST_PEOPLE:
-            meaning = f"n is too few for limits of agreement and ICC, which need {FEWEST_PEOPLE} people."
+            meaning = f"Limits of agreement and ICC need {FEWEST_PEOPLE} people."
         yield Flag("check", f"Only {people} {'person' if people == 1 else 'people'} compared", meaning)
 
 
@@ -193,7 +193,7 @@ def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
             continue
         limits, icc = Cell(_span(row["loa_low"], row["loa_high"]), row["loa_high"]), _interval(row, "icc")
         if row["n_subjects"] < FEWEST_PEOPLE:
-            limits = icc = Cell("n too few", math.nan)
+            limits = icc = Cell("too few people", math.nan)
         worst = Cell(significant(row["max_abs"]), float(row["max_abs"]))
         rows.append([*cells, _interval(row, "bias"), limits, _interval(row, "mae"), worst, icc])
     tables = []
@@ -201,7 +201,7 @@ def agreement_tables(agreement: "pd.DataFrame") -> list[Table]:
         caption = (
             "Estimate − reference, each quantity in its own unit; in brackets 95 % intervals, over people. ICC(2,1) "
             "compares with how much the people differ: 1 is perfect, and – where the reference does not vary. Limits "
-            f"and ICC need {FEWEST_PEOPLE} people: with fewer, n is too few. Regular "
+            f"and ICC need {FEWEST_PEOPLE} people. Regular "
             "strides are in no turn, on no stairs, no half-step and not uneven; those of lengths and speeds are not in "
             "doubt either. Half-steps from and to standing make the ICC of all strides' lengths larger."
         )

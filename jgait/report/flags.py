@@ -9,13 +9,16 @@ from itertools import zip_longest
 import numpy as np
 
 from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
-from jgait.io.results import Results
+from jgait.io.results import Results, Total
 from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, printable, without_repeats
 from jgait.report.page import GRADES, Flag, without_folders
 from jgait.types import PLACEMENTS
 
 DOUBTS = ("stop", "check")
 """Grades of flags that put numbers in doubt."""
+
+NOT_USABLE = ", not usable"
+"""What is behind a number that should not be used."""
 
 USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE, FEW_REGULAR.meaning)
 """Meanings of notes that most recordings have without any fault; of one severity they come last."""
@@ -36,6 +39,18 @@ def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:
         )
         raised.append(Flag("check" if share > 0.5 else "stop", text, meaning))
     return ordered(raised)
+
+
+def marked(totals: Iterable[Total], flags: Iterable[Flag]) -> list[Total]:
+    """The numbers, with "not usable" behind those that a flag stops; counts of strides and time walked stay."""
+    stops = {flag.measure for flag in flags if flag.grade == "stop"}
+
+    def stopped(total: Total) -> bool:
+        measure = "joint angles" if total.words.startswith(("hip ", "knee ")) else total.words
+        known = total.text != "–" and not total.text.endswith(NOT_USABLE)
+        return known and measure not in ("strides", "walking") and bool(stops & {"", measure})
+
+    return [total._replace(text=total.text + NOT_USABLE * stopped(total)) for total in totals]
 
 
 def explained(notes: Iterable[Note]) -> list[Flag]:
@@ -67,8 +82,8 @@ def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
 
 
 def verdict(flags: Iterable[Flag]) -> str:
-    """One sentence on how far to trust the numbers, with up to `REASONS` reasons, the most serious first; those of other
-    meanings come before a second one of the same meaning.
+    """One sentence on how far to trust the numbers, with up to `REASONS` reasons, the most serious first; those of
+    other meanings come before a second one of the same meaning.
     """
     doubts = [flag for flag in ordered(flags) if flag.grade in DOUBTS]
     if not doubts:

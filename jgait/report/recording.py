@@ -1,7 +1,6 @@
 """The page of one recording, by one estimator or by all its sensors."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,11 +12,11 @@ from jgait.estimators.combined import Analysis
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS
 from jgait.estimators.totals import distance_of
 from jgait.evaluate.scores import score
-from jgait.io.results import CAPTION, Results
+from jgait.io.results import CAPTION, Results, Total
 from jgait.report import flags
 from jgait.report.figures import pictures
 from jgait.report.made import Made
-from jgait.report.page import Cell, Report, Section, Table, cell, number, significant
+from jgait.report.page import Cell, Flag, Report, Section, Table, cell, number, significant, without_folders
 from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ def _page(
     none = "No stride is regular, so that there are no means." if len(strides) else (
         "No strides were found in this recording."
     )  # fmt: skip
-    glance = [table for table in [mean_table(summary)] if table.rows]
+    glance = [table for table in [mean_table(summary, int(np.sum(results.sides == "")))] if table.rows]
     sections = [
         Section("Figures", "", pictures(estimate, reference, about.figures, sources)),
         *([] if reference is None else [_against(estimate, recording, reference)]),
@@ -110,7 +109,7 @@ def _page(
     seconds, rate = float(estimate.time[-1] - estimate.time[0]), significant(recording.sampling_rate_hz, 4)
     worn = ", ".join(map(_place, recording.sensors))
     distance, deviation = distance_of(estimate) or (None, None)
-    name = Path(recording.name).name
+    name = without_folders(recording.name)
     numbers = {
         "kind": "recording", "recording": name, "subject": recording.subject, "duration_s": seconds,
         "sampling_rate_hz": float(recording.sampling_rate_hz), "sensors": list(recording.sensors),
@@ -122,25 +121,27 @@ def _page(
     }  # fmt: skip
     return Report(
         name, "Gait report", f"{about.title}{who}; {number(seconds, 1)} s at {rate} Hz, by sensors at: {worn}.",
-        _facts(results), flags.verdict(raised), raised, CAPTION,
+        _facts(results, raised), flags.verdict(raised), raised, CAPTION,
         [section for section in sections if section.text or section.parts], made.settings(), made.command, numbers,
     )  # fmt: skip
 
 
-def _facts(results: Results) -> list[tuple[str, str, str]]:
+def _facts(results: Results, raised: Sequence[Flag]) -> list[tuple[str, str, str]]:
     """Numbers above the page, each with its sensors: those of the terminal, and means of cycles of leg angles."""
     labels = {**{side: side for side in SIDES}, "": SIDE_UNKNOWN.label}
     many = {label: np.sum(results.sides == side) for side, label in labels.items()}
     by_side = ", ".join(f"{count} {label}" for label, count in many.items() if count)
-    facts = [("Strides", str(len(results.base)), by_side)] if results.cycles else []
-    for total in results.totals:
-        source = by_side if total.words == "strides" else total.source
-        facts.append((total.words[:1].upper() + total.words[1:], total.text, source))
+    facts = [Total("strides", str(len(results.base)))] if results.cycles else []
+    facts += results.totals
     for row in results.summary.to_dict("records") if results.cycles else ():
         if row["measure"] in ("stride_length", "stride_duration", "cadence", "walking_speed"):
             measure, detail = QUANTITIES[row["measure"]], f"mean ± SD of {row['n_strides']} cycles"
-            facts.append((measure.words.capitalize(), f"{_mean_text(row, measure)} {measure.shown}", detail))
-    return facts
+            facts.append(Total(measure.words, f"{_mean_text(row, measure)} {measure.shown}", source=detail))
+    sources = {"strides": by_side}
+    return [
+        (total.words[:1].upper() + total.words[1:], total.text, sources.get(total.words, total.source))
+        for total in flags.marked(facts, raised)
+    ]
 
 
 def shown_strides(results: Results) -> "pd.DataFrame":
@@ -184,28 +185,37 @@ def _mean_text(row: Mapping[Any, Any], measure: Column) -> str:
     return number(measure.scale * row["mean"], measure.digits) + spread
 
 
-def mean_table(summary: "pd.DataFrame") -> Table:
-    """Means of strides and of each side, and differences between the sides; without rows if no stride counts."""
-    both, rows = bool(summary["asymmetry_pct"].notna().any()), []
+def mean_table(summary: "pd.DataFrame", unsided: int = 0) -> Table:
+    """Means of strides and of each side, and differences between the sides; without rows if no stride counts. `unsided`
+    is the number of strides whose side is not known.
+    """
+    both, varies = (bool(summary[name].notna().any()) for name in ("asymmetry_pct", "std"))
+    rows = []
     for row in summary.to_dict("records"):
         measure = QUANTITIES[row["measure"]]
         if not measure.listed:  # the distance and ranges of motion: the page shows them, or their two ends, elsewhere
             continue
-        cells = [Cell(measure.heading), Cell(_mean_text(row, measure))]
+        cells = [Cell(measure.heading), cell(measure.scale * row["median"], measure.digits)]
+        cells.append(Cell(_mean_text(row, measure)))
         cells += [cell(measure.scale * row[side], measure.digits) for side in SIDES]
         cells.append(cell(measure.scale * row["error_std"], max(measure.digits, 1)))
         cells += [cell(row["asymmetry_pct"], 1, row["asymmetry_std_pct"])] if both else []
         rows.append([*cells, Cell(str(row["n_strides"]))])
-    columns = ["", "mean ± SD", *(f"{side} leg" for side in SIDES), "error of a stride",
+    columns = ["", "median", "mean ± SD" if varies else "mean", *(f"{side} leg" for side in SIDES), "error of a stride",
                *(["asymmetry [%]"] if both else []), "strides"]  # fmt: skip
     steady = summary.loc[summary["measure"] != "distance", "steady"].all()
-    caption = (
-        "Steady strides: regular ones between regular ones." if steady
-        else "Regular strides: there are too few steady ones for variability and asymmetry."
-    ) + (
-        " SD: from stride to stride within a side. Error of a stride: its standard deviation by the estimator. The SD "
-        "contains this error; an SD that is not clearly larger says little about the person."
-    )  # fmt: skip
+    caption = "Medians: of all regular strides, as above. " + (
+        "Means: of steady strides, regular ones between regular ones, the mean of both sides." if steady
+        else "Means: of the same strides, as there are too few steady ones for variability and asymmetry."
+    ) + " Error of a stride: its standard deviation by the estimator."  # fmt: skip
+    if varies:
+        caption += (
+            " SD: from stride to stride within a side. The SD contains the error of a stride; an SD that is not "
+            "clearly larger says little about the person."
+        )
+    if unsided:
+        many = "1 stride is" if unsided == 1 else f"{unsided} strides are"
+        caption += f" {many} of a side that is not known: such strides count in the mean, but for neither leg."
     if both:
         caption += " Asymmetry: (right − left) / mean, ± one SD; within two of them it may be the sensors' error."
     return Table(caption, columns, rows)

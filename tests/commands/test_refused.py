@@ -55,7 +55,8 @@ COMMANDS = {
     "evaluate bare.csv": "must have a header and a row for each recording",
     "evaluate none.csv": "none of the 2 recordings of none.csv could be used",
     "report nowhere.csv": "nowhere.csv: there is no such file",
-    "report a": "a is no folder that jgait evaluate wrote: it has no recordings.csv. Give the folder that it wrote, or",
+    "report a": "a is a folder, and none of a format",
+    "report .": "is no folder that jgait evaluate wrote: ",
     # what would be overwritten
     "evaluate recordings.csv --out .": "recordings.csv is read by this command",
     "evaluate recordings.csv --json jgait-evaluation/quantities.csv": "is one of the files that this command writes",

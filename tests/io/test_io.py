@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from made.frames import NEEDED, RATE, signals, table
-from made.notes import texts
+from made.notes import of_code, texts
 
 from jgait import io
 from jgait.estimators import leg_ekf
@@ -57,6 +57,8 @@ def test_numbers_are_a_clock_in_the_unit_of_their_size_and_their_mean_is_the_rat
     assert read(table().assign(time=stamps)).sampling_rate_hz == pytest.approx(128.0, rel=1e-3)
     recording = read(table(time=False), sampling_rate_hz=50.0)
     np.testing.assert_allclose(recording.sensors["thigh_right"].time, np.arange(600) / 50)
+    (note,) = of_code(recording.notes, "rate_stated")
+    assert "their deviations contain that" in note.meaning
 
 
 @pytest.mark.parametrize(
@@ -230,6 +232,10 @@ REFUSED = {
     "short": (lambda t: t.iloc[:2], {}, "recording has 2 samples; at least 10 are needed"),
     "no known column": (lambda t: pd.DataFrame({"a": [1.0], "b": [2.0]}), {}, "found 'a', 'b'; columns are named"),
     "bare names": (waist, {}, "for one sensor with bare names give its place, such as placement='waist'"),
+    "rates of another name": (
+        lambda t: t.rename(columns={c: c.replace("_gyr_", " omega ") for c in t}), {},
+        "holds no gyroscope.*if 'thigh_right omega x' is its rate, call it <placement>_gyr_x",
+    ),
     "no gyroscope": (lambda t: t.drop(columns=THIGH_GYR), {}, "lacks thigh_right_gyr_x.* needs its gyroscope"),
     "words": (lambda t: t.assign(shank_right_gyr_y="fast"), {}, "'shank_right_gyr_y' holds no numbers; .* is 'fast'"),
     "odd times": (

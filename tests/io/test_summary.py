@@ -34,6 +34,7 @@ def test_mean_variability_and_asymmetry_of_the_length():
     assert one["unit"] == "m" and one["n_strides"] == 8
     assert (one["right"], one["left"]) == pytest.approx((1.33, 1.23))
     assert one["mean"] == pytest.approx(1.28)
+    assert one["median"] == pytest.approx(np.median([*RIGHT, *LEFT]))  # of those that are not steady, too
     within = np.sqrt(0.5 * (right.var(ddof=1) + left.var(ddof=1)))  # not the difference of the sides
     assert one["std"] == pytest.approx(within)
     assert one["cv_pct"] == pytest.approx(100.0 * within / 1.28)

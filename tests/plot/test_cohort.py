@@ -34,6 +34,8 @@ def test_bland_altman_holds_the_limits_and_every_point():
     bars = [line.get_ydata() for line in axis.lines if len(set(line.get_ydata())) == 2]
     ends = [limits[1:3], (limits.upper_low, limits.upper_high), (limits.lower_low, limits.lower_high)]
     np.testing.assert_allclose(bars, ends)
+    beside = [line.get_xdata()[0] for line in axis.lines if len(set(line.get_ydata())) == 2]
+    assert len(set(beside)) == 3  # intervals that overlap stay apart
     low, high = axis.get_ylim()
     assert low < limits.lower_low and high > limits.upper_high
     assert axis.texts[0].get_text() == f"bias\n{limits.bias:+.3g} m".replace("-", "−")
@@ -68,6 +70,11 @@ def test_each_subject_has_its_row_the_best_on_top():
     assert whole.get_xdata()[0] == pytest.approx(medians.median())
     assert axis.get_xlabel() == "length: |estimate − reference| [m]"
     assert [text.get_text() for text in figure.legends[0].get_texts()][:3] == ["middle half", "median", "worst"]
+
+
+def test_one_error_a_person_has_no_middle_half():
+    figure = cohort.per_subject(table((1, 1, 1)), "length")
+    assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == ["median", "worst"]
 
 
 def test_before_and_after_are_joined_and_the_worse_are_dashed():

@@ -38,6 +38,9 @@ def test_a_page_of_all_sensors_compares_them(analysed):
         if one.quantity == "distance":
             assert f">{one.value:.2f}<" in text
     assert page.numbers["strides"] == len(analysis.strides.first)
+    length = io.analysis_to_dataframes(analysis)["summary"].set_index("measure").loc["stride_length", "median"]
+    (total,) = (total for total in io.Results(analysis).totals if total.words == "stride length")
+    assert total.text.startswith(f"{length:.3f} ±") and f">{length:.3f}<" in text  # one number in all places
     means = {f"{row['measure']}_{row['unit']}": row["mean"] for row in page.numbers["means"]}
     table = io.analysis_to_dataframes(analysis)["strides"].query("regular")
     for column in ("knee_flexion_max_deg", "hip_flexion_min_deg"):

@@ -22,6 +22,7 @@ from jgait.estimators import ankle_stride
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.estimators.stride_flags import FEW_REGULAR
 from jgait.evaluate.scores import DISTANCE_OFF
+from jgait.io.results import Total
 from jgait.notes import SEVERITIES, Kind, to_json
 from jgait.report import flags
 from jgait.report.page import without_folders
@@ -251,6 +252,7 @@ def test_what_comes_from_a_file_is_text_and_names_no_folder(ankles):
         ("~/walks/a1.csv is empty", "a1.csv is empty"),
         ("'/data/b c.csv' lacks", "'b c.csv' lacks"),
         ("0.02 m/s² and rad/s; 5 / 3", "0.02 m/s² and rad/s; 5 / 3"),
+        ("001/Test11/Trial1", "001/Test11/Trial1"),
     ],
 )  # fmt: skip
 def test_folders_are_left_out(said, expected):
@@ -294,6 +296,22 @@ def test_one_sentence_says_how_far_to_trust_and_gives_up_to_three_reasons(raised
     assert flags.verdict([flags.Flag(*each) for each in raised]) == sentence
 
 
+def test_a_stop_marks_the_numbers_that_it_is_about():
+    totals = [Total("strides", "3"), Total("distance", "4 m"), Total("hip right", "0 … 9 °"), Total("cadence", "–")]
+
+    def texts(measure):
+        raised = [flags.Flag("stop", "a", "b", measure), flags.Flag("check", "a", "b", "distance")]
+        return [total.text for total in flags.marked(totals, raised)]
+
+    assert texts("") == ["3", "4 m, not usable", "0 … 9 °, not usable", "–"]
+    assert texts("joint angles") == ["3", "4 m", "0 … 9 °, not usable", "–"]
+
+
+def test_a_command_keeps_units_and_trials():
+    words = ["report", "/data/a.mat", "--trial", "Test1/Trial1", "--gyr-unit=rad/s", "--out", "b/p.html"]
+    assert command.command_of(words) == "jgait report a.mat --trial Test1/Trial1 --gyr-unit=rad/s --out p.html"
+
+
 def test_strides_of_an_unknown_side_are_of_neither_leg():
     of = walking_ankles()
     unknown = np.arange(LENGTHS.size) < 11
@@ -304,6 +322,7 @@ def test_strides_of_an_unknown_side_are_of_neither_leg():
     assert (row["n_strides"], row["right"], row["asymmetry_pct"]) == (8, None, None)
     assert row["left"] == pytest.approx(LENGTHS[11])
     assert "1 left, 11 side not known" in page.html
+    assert "11 strides are of a side that is not known" in page.html
     assert "11 of 12 strides: side not known" in {flag["text"] for flag in page.numbers["flags"]}
     assert "Marks around a stride" in page.html
 

@@ -53,7 +53,7 @@ from jgait.datasets import reading, registry
 from jgait.datasets.reading import Files
 from jgait.io.clock import REPEATED
 from jgait.io.files import json_object
-from jgait.notes import CORRECTED, DATA_LOST, LEFT_OUT, Kind, Note
+from jgait.notes import DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
 ROOT = "GaitData"
@@ -73,7 +73,7 @@ FEET_EXCHANGED = Kind(
     "corrected",
     "the foot sensors were worn on the other foot: both raise the outer edge late in swing; sensors and events of "
     "right and left are exchanged",
-    CORRECTED,
+    "The error was found in the data and corrected; nothing needs to be done.",
 )
 SWINGS_LEFT_OUT = Kind(
     "swings_left_out",

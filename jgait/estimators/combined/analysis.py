@@ -24,6 +24,7 @@ from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.estimators.leg_ekf.notes import ONE_LEG
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.plausible import knee_notes, knees
 from jgait.estimators.proportions import in_metres
@@ -165,7 +166,8 @@ def analyse(
     if strides is not None:
         differ += side_notes(estimates, strides)
         legs = set(np.asarray(strides.strides.side).tolist())
-        differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs if len(legs) == 1]
+        if len(legs) == 1 and ONE_LEG.code not in {note.code for note in stated}:
+            differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STEPS.note("no walking was found: no sensor measured a stride"), *differ]
     if strides is not None:
@@ -194,9 +196,9 @@ def _stated(source: SourceEstimate, strides: JoinedStrides | None, total: Walked
     notes = []
     for note in source.estimate.diagnostics["notes"]:
         spared = False
-        if note.code == STANCES_RARE.code and strides is not None and len(strides.rows) > 1:
+        if note.kind == STANCES_RARE and strides is not None and len(strides.rows) > 1:
             spared = bool(np.mean(as_float(strides.stddev.length) > UNCERTAIN) <= DOUBTED_SHARE)
-        elif note.code == DISTANCE_DOUBTFUL.code and total is not None:
+        elif note.kind == DISTANCE_DOUBTFUL and total is not None:
             spared = source.name not in total.source.split("+")
             note = note.kind.note(f"{source.name}: {note.kind.text}", **note.values) if spared else note
         notes.append(replace(note, kind=note.kind._replace(severity="check")) if spared else note)

@@ -12,7 +12,7 @@ from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.plausible import knees, too_fast
 from jgait.estimators.stride_flags import FEWEST_STRIDES
 from jgait.estimators.walking import MID_STANCE, durations
-from jgait.notes import LEFT_OUT, Kind, Note
+from jgait.notes import Kind, Note
 from jgait.quality import of_sensor
 from jgait.types import SIDES, Estimate, Imu, Recording, as_float
 
@@ -25,7 +25,8 @@ DISTANCES_DIFFER = Kind(
 )  # fmt: skip
 DISTANCE_OF_ONE_SIDE = Kind(
     "distance_of_one_side", "corrected", "distance by {source}: only the {side} side counts, because the sensor of the "
-    "other side is in doubt, lost samples or lacks strides while this side walks", LEFT_OUT.meaning,
+    "other side is in doubt, lost samples or lacks strides while this side walks",
+    "Both feet of a person walk as far: the distance, and its deviation, are those of this side.",
 )  # fmt: skip
 DISTANCE_ADDED = Kind(
     "distance_added", "corrected", "distance: {metres:.1f} m of it are {where}, at the median walking speed",

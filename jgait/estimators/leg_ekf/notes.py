@@ -17,9 +17,10 @@ NOT_ESTIMATED = Kind(
 
 ONE_LEG = Kind(
     "one_leg", "check",
-    "leg_ekf measures the {side} leg only: its distances come out some 10 % short in simulation, unless distance_scale "
-    "was learned with one leg too",
-    "The steps of the other leg are not measured; the distance is the less certain for it.",
+    "leg_ekf measures the {side} leg only: distances come out some 10 % short, but where the scale of distances was "
+    "learned from one leg",
+    "All numbers of strides are of this leg. The steps of the other leg are not measured; the distance is less certain "
+    "for it.",
 )  # fmt: skip
 
 STANDS_OTHERWISE = Kind(

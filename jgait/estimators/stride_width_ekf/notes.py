@@ -10,7 +10,7 @@ FEW_STRIDES = Kind(
     "few_strides",
     "check",
     "a foot has {strides} {strides:stride|strides}, and two of each are needed: no widths",
-    NO_RANGE,
+    "Stride widths are stated from two strides of each foot on; a longer walk has them.",
 )
 
 RANGE_ABSENT = Kind("range_absent", "check", "{why}: widths have the mean of usual people", NO_RANGE)
@@ -25,7 +25,7 @@ RANGE_OFFSET_ABSENT = Kind(
 
 _WRONG = (
     "The range sensor may be broken, its unit or its times may be wrong, or echoes of other things than the leg are "
-    "among its distances. Stride widths and step lengths are not valid and not in the means."
+    "among its distances. Stride widths and step lengths are not valid, and count in no mean or median."
 )
 
 RANGES_MISFIT = Kind(

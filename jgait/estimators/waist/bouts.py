@@ -132,7 +132,7 @@ def notes_of(
     moving = fresh[~nodes["stands"][fresh].astype(bool)]
     notes: list[Note] = []
     if len(moving):
-        notes.append(BOUTS_WITHOUT_STANDING(some=len(moving), bouts=len(fresh), begin_s=nodes["contact"][moving[0]]))
+        notes.append(BOUTS_WITHOUT_STANDING(some=len(moving), begin_s=nodes["contact"][moving[0]]))
     ends = np.flatnonzero(nodes["stride"])
     if not len(ends):
         return SensorQuality(), notes

@@ -1,12 +1,12 @@
 """Kinds of notes that the waist's estimators make about a recording."""
 
-from jgait.notes import CORRECTED, Kind
+from jgait.notes import Kind
 
 AXES_CORRECTED = Kind(
-    "axes_corrected", "corrected",
+    "axes_corrected", "info",
     "{placement}: its {up} axis looks up and its {forward} forward, leaning {lean_deg:.0f}° and turned "
-    "{turned_deg:.0f}°; corrected",
-    CORRECTED,
+    "{turned_deg:.0f}°",
+    "The axes of this sensor follow from gravity and the movement, however it is worn.",
 )  # fmt: skip
 
 GYROSCOPE_CONTRADICTS = Kind(
@@ -19,7 +19,7 @@ WALKING_MISSED = Kind(
     "walking_missed", "check", "",
     "Steps are missing, as in limping, or because axes or signs of the sensor are not as the file states, or because "
     "it slipped. Strides and distance are only those found; the distance's deviation contains what is missing between "
-    "them. Strides that are two are in doubt and not in the means. Sensors on feet or shanks see all steps.",
+    "them. Strides that are two are in doubt, and count in no mean or median. Sensors on feet or shanks see all steps.",
 )  # fmt: skip
 
 LIES_TURNED = Kind(
@@ -32,9 +32,9 @@ LIES_TURNED = Kind(
 
 BOUTS_WITHOUT_STANDING = Kind(
     "bouts_without_standing", "check",
-    "{some} of {bouts} bouts, the first from {begin_s:.1f} s, do not begin from standing: their speed by integration "
-    "is not to be relied on",
-    "The speed at their beginning is not known. Contacts are detected all the same.",
+    "{some} {some:stretch|stretches} of walking, first at {begin_s:.1f} s, {some:does|do} not begin from standing: the "
+    "speed by integration is not to be relied on there",
+    "The speed at the beginning is not known. Contacts are detected all the same.",
 )  # fmt: skip
 
 NOT_LEARNED = Kind(

@@ -29,7 +29,7 @@ from jgait.io.files import check_columns, check_file, check_size, library, plain
 from jgait.io.formats.text import Rows
 from jgait.io.part import Measured, Part, on_one_zero
 from jgait.io.text import first_lines, head_of, rows_of, split
-from jgait.notes import DEDUCED, Note
+from jgait.notes import AS_READ, BY_NAME, Note
 from jgait.types import RecordingError
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def _parts(file: "h5py.File", h5py: ModuleType, name: str, notes: list[Note]) ->
     label_of = dict(zip(cases, labels, strict=True)) if len(cases) == len(labels) else {}
     if inner and not label_of:
         notes.append(
-            DEDUCED.note("CaseIdList and MonitorLabelList do not name the sensors; they are named by their case ids")
+            BY_NAME.note("CaseIdList and MonitorLabelList do not name the sensors; they are named by their case ids")
         )
     parts = []
     for key, sensor in sensors.items():
@@ -185,5 +185,5 @@ def _part(
         return part._replace(time=1e-6 * since, begin_s=1e-6 * float(stamps[0]))
     if part.sampling_rate_hz is None:
         raise RecordingError(f"{where}: the sensor {label!r} has neither Time that runs nor a sample rate")
-    notes.append(DEDUCED.note(f"{label}: Time does not run; the file's rate of {part.sampling_rate_hz:g} Hz counts"))
+    notes.append(AS_READ.note(f"{label}: Time does not run; the file's rate of {part.sampling_rate_hz:g} Hz counts"))
     return part

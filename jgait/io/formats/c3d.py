@@ -20,7 +20,7 @@ import numpy as np
 
 from jgait.io.files import Tree, check_file, check_size, library, numbered, plain, reading
 from jgait.io.part import UP_UNSURE
-from jgait.notes import DEDUCED, Note, record
+from jgait.notes import AS_READ, DEDUCED, Note, record
 from jgait.types import RecordingError
 
 EXPECTED = "a C3D file"
@@ -261,7 +261,7 @@ def _up(parameters: Tree, markers: dict[str, np.ndarray], notes: list[Note]) -> 
         states = f"POINT:Y_SCREEN states {stated}: pass up={stated!r} if right"
         notes.append(UP_UNSURE.note(f"{deduced} points up, for {why}; {states}"))
     else:
-        notes.append(DEDUCED.note(f"{stated} points up by POINT:Y_SCREEN"))
+        notes.append(AS_READ.note(f"{stated} points up by POINT:Y_SCREEN"))
         if deduced not in (None, stated):
             notes.append(UP_UNSURE.note(f"but by the markers {deduced} points up: {why}; pass up={deduced!r} if right"))
         return stated

@@ -80,8 +80,7 @@ def _measured(path: Path, trial: str | None) -> Measured:
     every = _trials(path)
     if trial is None and len(every) > 1:
         raise RecordingError(
-            f"{path.name} has {len(every)} trials; read one by jgait.io.read_mobilised with "
-            f"{{argument}}: {', '.join(every)}",
+            f"{path.name} has {len(every)} trials, of which one is chosen by {{argument}}; they are {', '.join(every)}",
             argument="trial",
             value=next(iter(every)),
         )

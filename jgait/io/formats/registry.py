@@ -169,4 +169,4 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
         raise RecordingError(
             f"{file.name} has {len(labels)} sensors, {labels}; place them by {{argument}}", argument="placements"
         )
-    return content._replace(parts=(content.parts[0]._replace(placement=placement),))
+    return content._replace(parts=(content.parts[0]._replace(placement=placement, stated=True),))

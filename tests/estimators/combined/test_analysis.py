@@ -452,7 +452,7 @@ def test_sensors_that_no_estimator_takes_are_named(walked):
     kept = only(walked[0], "shank_left", "thigh_right", "pelvis")
     notes = jgait.analyse(changed(kept, waist=kept.sensors["pelvis"], wrist_left=kept.sensors["shank_left"])).notes
     assert not of_code(notes, "one_leg_seen")
-    alone = jgait.analyse(only(kept, "shank_left")).notes
+    alone = jgait.analyse(only(kept, "shank_left")).notes  # of legs, leg_ekf has a note that says it
     assert [note.values["side"] for note in of_code(alone, "one_leg_seen")] == ["left"]
     assert {text.partition(" is not used: ")[::2] for text in texts(notes) if " is not used: " in text} == {
         ("pelvis", "waist serves as well"), ("wrist_left", "no estimator takes a sensor there"),
