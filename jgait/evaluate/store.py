@@ -56,7 +56,8 @@ class Cohort(NamedTuple):
 
     #: a row a recording; `valid` is the share of samples with an estimate [1]; `notes` are JSON, see `notes.from_json`.
     recordings: "pd.DataFrame"
-    #: a row a recording and quantity, in the unit at the end of the quantity's name; NaN where there is no reference.
+    #: a row a recording and quantity, in the unit at the end of the quantity's name, without one in SI units; NaN where
+    #: there is no reference.
     quantities: "pd.DataFrame"
     #: a row a stride of the reference and quantity; `start end` [s]; `regular`: the estimated stride has no flag that
     #: leaves the quantity out: a turn, stairs, a half-step, an uneven duration, or a doubt about this quantity.

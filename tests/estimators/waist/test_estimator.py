@@ -86,7 +86,7 @@ MOUNTS = {
     "upside down": (np.diag([1.0, -1.0, -1.0]), "its −z axis looks up and its x forward"),
     "turned": (about_vertical(np.deg2rad(40.0)), "x forward, leaning 0° and turned 39°"),
     "at the side": (about_vertical(0.5 * np.pi), "its z axis looks up and its −y forward"),
-    "any": (rotation(), "corrected"),
+    "any": (rotation(), "axis looks up"),
 }  # fmt: skip
 
 
