@@ -23,20 +23,18 @@ class Footsteps(NamedTuple):
         return Feet(*(FootTrajectory(p, None, None) for p in self.places))
 
 
-def path(strides: np.ndarray, before: float, turn: int, angle: float) -> tuple[np.ndarray, np.ndarray]:
+def path(strides: np.ndarray, before: float, turn: int) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 2) and headings along a route with one corner, s in strides."""
-    radius = STRIDE * turn / abs(angle)
-    bent = np.clip((strides - before) / turn, 0.0, 1.0) * angle
+    radius = STRIDE * turn / (0.5 * np.pi)
+    bent = np.clip((strides - before) / turn, 0.0, 1.0) * -0.5 * np.pi
     first = np.minimum(strides, before) * STRIDE
     last = np.maximum(strides - before - turn, 0.0) * STRIDE
-    x = first + radius * np.sin(np.abs(bent)) + last * np.cos(bent)
-    y = np.sign(angle) * radius * (1.0 - np.cos(bent)) + last * np.sin(bent)
+    x = first - radius * np.sin(bent) + last * np.cos(bent)
+    y = -radius * (1.0 - np.cos(bent)) + last * np.sin(bent)
     return np.stack([x, y], axis=1), bent
 
 
-def footsteps(
-    seed: int = 0, before: int = 41, turn: int = 3, after: int = 20, angle: float = -0.5 * np.pi, scatter: float = 0.005
-) -> Footsteps:
+def footsteps(seed: int = 0, before: int = 41, turn: int = 3, after: int = 20, scatter: float = 0.005) -> Footsteps:
     """50 m, a corner of 90° to the right, 25 m; the left foot first. Ranges while |z₂| < 6 cm, 30 Hz, 2 mm."""
     rng = np.random.default_rng(seed)
     count = before + turn + after
@@ -44,7 +42,7 @@ def footsteps(
     places, mids = [], []
     for sign, phase in ((-1.0, 0.5), (1.0, 0.0)):
         s = np.arange(count + 1) + phase
-        at, heading = path(s, before, turn, angle)
+        at, heading = path(s, before, turn)
         aside = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
         at = at + 0.5 * sign * WIDTH * aside + scatter * rng.normal(size=at.shape)
         stood = np.round((s + 0.3) * STRIDE_TIME * RATE).astype(int)
@@ -73,22 +71,14 @@ def distances(walk: Footsteps, times: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return x * np.sin(heading) - y * np.cos(heading), x * np.cos(heading) + y * np.sin(heading)
 
 
-def drifting(walk: Footsteps, seed: int, heading: float = 0.005, scale: float = 0.01, bias: float = 0.005) -> Footsteps:
-    """The same walk as each foot's own trajectory tells it: any world, a heading that walks, strides too long or short.
-
-    Args:
-        walk: the truth.
-        seed: of the errors.
-        heading: random walk from stride to stride [rad].
-        scale: standard deviation of each stride's scale [1].
-        bias: of a foot's, over all its strides [1].
-    """
+def drifting(walk: Footsteps, seed: int) -> Footsteps:
+    """The walk as each foot's own trajectory has it: any world, a drifting heading, strides too long or short."""
     rng = np.random.default_rng(seed)
     told = []
     for place, mids in zip(walk.places, walk.mids, strict=True):
         stride = np.clip(np.searchsorted(mids, np.arange(walk.time.size - 1), side="right") - 1, 0, len(mids) - 1)
-        turn = rng.uniform(-np.pi, np.pi) + np.cumsum(heading * rng.normal(size=len(mids)))
-        size = (1.0 + bias * rng.normal()) * (1.0 + scale * rng.normal(size=len(mids)))
+        turn = rng.uniform(-np.pi, np.pi) + np.cumsum(0.005 * rng.normal(size=len(mids)))
+        size = (1.0 + 0.005 * rng.normal()) * (1.0 + 0.01 * rng.normal(size=len(mids)))
         c, s = (size * np.cos(turn))[stride], (size * np.sin(turn))[stride]
         dx, dy = np.diff(place[:, :2], axis=0).T
         step = np.stack([c * dx - s * dy, s * dx + c * dy], axis=1)

@@ -1,10 +1,9 @@
 """What losses, ends of a recording, and turns hide of a walk: it is in the distance, and in its deviation."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import without
+from made.estimators import changed, without
 from made.notes import of_code
 from made.shank import shank
 from made.trunk import cut
@@ -14,7 +13,6 @@ import jgait
 from jgait import simulate
 from jgait.estimators.combined.compare import SIDES_UNLIKE, alike, with_sides_unlike
 from jgait.estimators.combined.sources import SourceEstimate
-from jgait.estimators.walking import of_turns
 from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import Estimate, Legs, Strides
 
@@ -42,7 +40,7 @@ def test_a_loss_in_walking_is_walked_through(begin, seconds):
 def test_a_short_loss_at_any_phase_of_a_stride_takes_nothing_away(seconds):
     """A stance that is lost, or that is cut off between push-off and swing, begins and ends no stride."""
     made = shank(strides=STRIDES)
-    for begin in np.arange(6.0, 7.3, 0.16):
+    for begin in np.arange(6.0, 7.3, 0.26):
         found = jgait.analyse(without(made.recording, begin, seconds)).estimate
         distance, deviation = found.distance[-1], found.diagnostics["distance_stddev"][-1]
         assert abs(distance - STRIDES * LENGTH) < 3.0 * deviation < 0.3 * STRIDES * LENGTH, begin
@@ -92,17 +90,6 @@ def test_what_is_cut_off_counts_in_the_distance(at):
     assert of_code(found.notes, "distance_added")
     assert found.estimate.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert np.all(np.diff(found.estimate.distance) > -1e-9)
-
-
-def test_the_way_of_a_turn_lies_between_chord_and_arc():
-    radius, turn = 1.0, np.array([0.0, 0.5, -1.2, 3.0])
-    chord = 2.0 * radius * np.sin(0.5 * np.abs(turn))
-    way, deviation = of_turns(jnp.asarray(chord), jnp.asarray(turn))
-    arc = radius * np.abs(turn)
-    np.testing.assert_allclose(way, 0.5 * (chord + arc), rtol=1e-12)
-    np.testing.assert_allclose(deviation, (arc - chord) / np.sqrt(12.0), rtol=1e-12, atol=1e-15)
-    slope = jax.grad(lambda turn: of_turns(jnp.asarray(1.0), turn)[0])
-    assert float(slope(0.0)) == 0.0 and float(slope(0.4)) > 0.0
 
 
 def test_a_circle_is_as_long_as_it_is():
@@ -169,7 +156,7 @@ def test_a_bout_that_only_one_side_saw_has_its_whole_length():
     pause = ends[np.argmax(np.diff(ends))] + 3.0
     left = recording.sensors["foot_left"]
     stopped = left._replace(mask=left.time < pause)
-    found = jgait.analyse(recording._replace(sensors={**recording.sensors, "foot_left": stopped}))
+    found = jgait.analyse(changed(recording, foot_left=stopped))
     assert len(of_code(found.notes, "distance_of_one_side")) == 1
     at = [np.interp(pause, each.time, each.distance) for each in (found.estimate, truth.estimate)]
     assert at[0] == pytest.approx(at[1], rel=0.02)
@@ -179,8 +166,8 @@ def test_a_bout_that_only_one_side_saw_has_its_whole_length():
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("what", ["lies still", "is turned about its long axis"])
-def test_where_one_leg_alone_has_strides_the_distance_is_its_own(what):
+def test_where_one_leg_alone_has_strides_the_distance_is_its_own():
+    """The other sensor lies still, or is turned about its long axis."""
     person = simulate.person_of(simulate.population(jax.random.key(3), 1, recorded=False), 0)
     recording, truth = simulate.with_breaks(
         jax.random.key(4), person, [simulate.straight(12.0)] * 2, [3.0], OPAL, placements=("shank_right", "shank_left")
@@ -188,12 +175,12 @@ def test_where_one_leg_alone_has_strides_the_distance_is_its_own(what):
     assert not of_code(jgait.analyse(recording).notes, "distance_of_one_side")
     worn = recording.sensors["shank_left"]
     later = (worn.time > 0.5 * worn.time[-1])[:, None]
-    gyr, acc = (0.003, [3.0, 4.0, 8.44]) if what == "lies still" else (worn.gyr @ QUARTER, worn.acc @ QUARTER)
-    moved = worn._replace(gyr=np.where(later, gyr, worn.gyr), acc=np.where(later, acc, worn.acc))
-    found = jgait.analyse(recording._replace(sensors={**recording.sensors, "shank_left": moved}))
-    assert [one.values["side"] for one in of_code(found.notes, "distance_of_one_side")] == ["right"]
-    assert found.estimate.distance[-1] == pytest.approx(truth.estimate.distance[-1], rel=0.03)
-    assert found.estimate.diagnostics["distance_stddev"][-1] < 0.12 * truth.estimate.distance[-1]
+    for gyr, acc in ((0.003, [3.0, 4.0, 8.44]), (worn.gyr @ QUARTER, worn.acc @ QUARTER)):
+        moved = worn._replace(gyr=np.where(later, gyr, worn.gyr), acc=np.where(later, acc, worn.acc))
+        found = jgait.analyse(changed(recording, shank_left=moved))
+        assert [one.values["side"] for one in of_code(found.notes, "distance_of_one_side")] == ["right"]
+        assert found.estimate.distance[-1] == pytest.approx(truth.estimate.distance[-1], rel=0.03)
+        assert found.estimate.diagnostics["distance_stddev"][-1] < 0.12 * truth.estimate.distance[-1]
 
 
 VARIES = {"length_variability": 0.02, "time_variability": 0.02}

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from made.estimators import part, without
 
+import jgait
 from experiments.common import protocols
 from jgait.estimators import stride_width_ekf as sw
 from jgait.types import SIDES
@@ -59,3 +60,13 @@ def test_strides_that_share_a_foothold_with_a_doubtful_one_have_no_reliable_widt
     )
     # itself, those of its side before and after it, and those of the other side that pass its begin or its end
     assert np.flatnonzero(valid & ~fewer).tolist() == list(range(row - 2, row + 3))
+
+
+def test_a_default_offset_of_the_range_is_named_where_a_range_is_used(walked):
+    recording = walked[0]
+    silent = recording._replace(feet_range=recording.feet_range._replace(mask=recording.feet_range.mask & False))
+    with_default, given, unused = (
+        [note.values for note in jgait.analyse(one, person).notes if note.code == "range_offset_absent"]
+        for one, person in ((recording, {}), (recording, {"range_offset": 0.09}), (silent, {}))
+    )
+    assert with_default == [{"offset": 0.08}] and not given and not unused
