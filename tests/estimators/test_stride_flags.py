@@ -31,6 +31,8 @@ def test_a_stride_is_compared_with_those_around_it():
     assert list(np.flatnonzero(uneven_strides(lasts))) == [3, 6]
     slower = np.linspace(1.0, 2.0, 15)  # who becomes slower is not uneven
     assert not uneven_strides(slower).any()
+    assert not uneven_strides(np.array([1.0, 3.0, 1.0])).any()  # too few
+    assert list(uneven_strides(np.array([np.nan, 1.0, 1.0, 1.0, 3.0]))) == [False] * 4 + [True]
 
 
 def test_uneven_strides_and_few_that_count_have_notes():
@@ -38,11 +40,6 @@ def test_uneven_strides_and_few_that_count_have_notes():
     texts = [note.text for note in stride_notes({"uneven": uneven}, ~uneven & (np.arange(12) < 3))]
     assert texts == ["2 of 12 strides: uneven", "only 1 regular stride"]
     assert not stride_notes({"uneven": np.zeros(12, bool)}, np.ones(12, bool))
-
-
-def test_few_strides_and_unknown_durations_are_compared_with_nothing():
-    assert not uneven_strides(np.array([1.0, 3.0, 1.0])).any()
-    assert list(uneven_strides(np.array([np.nan, 1.0, 1.0, 1.0, 3.0]))) == [False] * 4 + [True]
 
 
 def test_half_steps_of_a_short_walk_are_short_beside_its_whole_strides():

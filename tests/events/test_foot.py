@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 from made.estimators import only
 from made.foot import foot
-from made.trunk import rotation
 from scipy.spatial.transform import Rotation
 
 from jgait import datasets, simulate
@@ -61,12 +60,6 @@ def test_a_foot_that_is_lifted_slowly_stands_between_and_does_not_while_it_moves
     np.testing.assert_allclose(estimate.strides.length, 0.3, atol=0.02)
 
 
-def test_mounting_does_not_matter():
-    plain, turned = found(foot(seed=1)), found(foot(seed=1, mount=rotation()))
-    for one, other in zip(plain, turned, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9)
-
-
 @pytest.mark.parametrize("gait", [{"swing": 0.5}, {"swing": 1.0, "length": 0.6}, {"swing": 0.6, "roll": 0.1}])
 @pytest.mark.parametrize("scale", [0.97, 1.0])
 def test_a_foot_that_does_not_turn_in_mid_swing_moves_all_the_same(gait, scale):
@@ -120,17 +113,6 @@ def test_a_foot_touches_the_ground_before_it_lies_flat():
         rows[1, 0] = begin
         _, initial = events.contacts(gyr, events.Stances(*rows.T, np.zeros(2)), 100.0)
         assert first <= initial[0] <= last
-
-
-def test_no_foot_that_never_stands_and_none_that_never_moves():
-    time = np.arange(1000) / 100.0
-    spinning = np.stack([4.0 + np.sin(time), 0 * time, 0 * time], axis=1)
-    force = np.tile([0.0, 0.0, 9.81], (1000, 1))
-    assert len(events.stances(spinning, force, 100.0).start) == 0
-    still = events.stances(0.001 * spinning, force, 100.0)
-    assert (still.start[0], still.end[0], len(still.start)) == (0, 1000, 1)
-    final, initial = events.contacts(0.001 * spinning, still, 100.0)
-    assert final.size == initial.size == 0
 
 
 def test_a_foot_that_comes_down_without_turning_does_not_stand_yet():

@@ -18,20 +18,13 @@ def _walk(rate_hz=100.0):
     return gyr + RNG.normal(scale=0.01, size=gyr.shape)
 
 
-def test_still_where_standing_and_nowhere_in_walking():
+def test_the_longest_standing_is_found_and_none_where_nobody_stands():
     start, end = rest.longest_still(_walk()[:500], 100.0)
     assert start == 0 and 165 <= end <= 200
-    assert rest.longest_still(_walk()[200:500], 100.0) is None
-
-
-def test_longest_still_is_the_longer_end():
     start, end = rest.longest_still(_walk(), 100.0)
     assert 495 <= start <= 535 and end == 900
-
-
-def test_longest_still_is_none_where_nobody_stands():
-    gyr = np.full((500, 3), 1.0)
-    assert rest.longest_still(gyr, 100.0) is None
+    assert rest.longest_still(_walk()[200:500], 100.0) is None
+    assert rest.longest_still(np.full((500, 3), 1.0), 100.0) is None
     assert rest.longest_still(np.zeros((20, 3)), 100.0) is None, "shorter than a window"
     assert rest.longest_still(np.zeros((120, 3)), 100.0, at_least_s=2.0) is None, "shorter than asked for"
     assert rest.longest_still(np.zeros((220, 3)), 100.0, at_least_s=2.0) == (0, 220)

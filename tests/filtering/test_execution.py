@@ -202,16 +202,12 @@ def test_a_parameter_that_is_nan_has_no_likelihood(execution):
     assert np.isnan(told.log_likelihood)
 
 
-def test_a_bare_array_is_refused_with_what_is_expected():
+def test_a_bare_array_and_times_for_intervals_are_refused_with_what_is_expected():
     c = case("bent")
     with pytest.raises(
         ValueError, match=r"observes a Reading of \(near, far\); got a bare array; pass Reading\(near=…"
     ):
         filtered(c._replace(observations=c.observations.near, mask=None))
-
-
-def test_times_for_intervals_are_refused():
-    c = case("bent", masked=False)
     times = 0.02 * np.arange(SAMPLES)
     with pytest.raises(ValueError, match=r"dt must be the time since the sample before .*; got times that grow from 0"):
         filtering.kalman_filter(c.model, c.params, c.observations, controls=c.controls, dt=times)

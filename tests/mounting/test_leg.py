@@ -16,14 +16,8 @@ from jgait.mounting.cycle import USUAL_STRIDE_TIME, cycle_of, mean_force, stride
 from jgait.mounting.leg import worn_legs
 from jgait.mounting.places import places_of
 from jgait.mounting.pose import (
-    STANDING_POSE,
-    UNUSUAL,
-    WALK_TIMES,
-    WALKING_CORRELATION,
-    WALKING_SD,
     Pose,
     posterior,
-    standing_probability,
 )
 
 RATE = 50.0
@@ -108,27 +102,7 @@ def test_the_mean_inclination_in_walking_is_the_true_one(walk, name):
     assert abs(np.angle(mean_force(sensors[name], np.eye(3), cycle)) - inside) < np.deg2rad(3.0)
 
 
-@pytest.mark.parametrize(
-    ("thigh", "shank", "stands"), [(0.0, 0.0, True), (6.0, -9.0, True), (85.0, 0.0, False), (90.0, 85.0, False)]
-)
-def test_rests_upright_are_standing_and_others_are_not(thigh, shank, stands):
-    tilts = [("thigh", np.deg2rad(thigh), 0.05), ("shank", np.deg2rad(shank), -0.05)]
-    assert (standing_probability(tilts) > 0.9) == stands
-    assert (standing_probability(tilts) < 0.1) != stands
-    assert standing_probability([]) == 1.0
-
-
 STANDING, SD = (0.05, -0.02), (0.09, 0.07)
-
-
-def test_without_walking_the_pose_is_that_of_standing_and_without_standing_that_of_walking():
-    (hip, knee), (hips, both, knees) = posterior(STANDING_POSE, STANDING, SD)
-    np.testing.assert_allclose([hip, knee, hips, both, knees], [*STANDING, SD[0] ** 2, 0.0, SD[1] ** 2], atol=1e-12)
-    pose = Pose(np.array([0.2, 0.5]), np.ones(()), np.zeros(()))
-    (hip, knee), (hips, both, knees) = posterior(pose, STANDING, SD)
-    wide = 1.0 + UNUSUAL * (WALK_TIMES**2 - 1.0)
-    expected = [*np.square(WALKING_SD) * wide, WALKING_CORRELATION * np.prod(WALKING_SD) * wide]
-    np.testing.assert_allclose([hip, knee, hips, knees, both], [0.2, 0.5, *expected], rtol=1e-12)
 
 
 def test_standing_and_walking_that_agree_narrow_the_pose_and_those_that_contradict_widen_it():

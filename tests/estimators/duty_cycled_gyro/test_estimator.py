@@ -25,7 +25,7 @@ P = DutyCycledParams()
 
 @pytest.fixture(scope="module")
 def walk():
-    """Five seconds of walking with ideal sensors on both legs; as in test_duty_model, compiled once for both."""
+    """Five seconds of walking with ideal sensors on both legs."""
     walked, _ = protocols.udaya_shankar(jax.random.key(0), 2, 5.0, placements=simulate.FOUR, errors=IDEAL)
     return walked.recording, walked.truth.estimate
 
@@ -225,3 +225,29 @@ def test_in_a_loss_the_accelerometer_measures_nothing(walk):
     asleep = duty_cycled_gyro.prepared(recording, gyro_on={"shank_right": ~lost}).inputs.right.shank
     np.testing.assert_array_equal(asleep.on, ~lost)
     assert asleep.acc_measured.all()
+
+
+def test_angles_after_a_u_turn_lie_within_their_deviations():
+    ((recording, truth),) = simulate.cohort(
+        jax.random.key(3), 1, simulate.u_turn(4.0), IDEAL, 50.0, simulate.FOUR, recorded=False
+    )
+    true = truth.estimate
+
+    def beyond_and_error(p):
+        found = duty_cycled_gyro.estimate(p, recording)
+        beyond, squares = [], []
+        for side in SIDES:
+            for joint in ("hip_angle", "knee_angle"):
+                ours, theirs, stated = (
+                    np.asarray(getattr(getattr(legs, side), joint)) for legs in (found.legs, true.legs, found.stddev)
+                )
+                start = slice(*found.diagnostics["standing"])
+                error = (ours - ours[start].mean()) - (theirs - theirs[start].mean())
+                walks = np.arange(len(error)) > start.stop
+                beyond.append(np.abs(error[walks]) > 2.0 * stated[walks])
+                squares.append(error[walks] ** 2)
+        return np.mean(beyond), np.degrees(np.sqrt(np.mean(squares)))
+
+    usual, without = (beyond_and_error(p) for p in (DutyCycledParams(), DutyCycledParams(turn_tilt=1e-6)))
+    assert usual[0] < 0.1 < without[0]
+    assert usual[1] < 0.8 * without[1]

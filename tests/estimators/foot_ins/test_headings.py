@@ -12,16 +12,16 @@ from jgait.types import Recording
 STRIDES, HZ = 24, 50.0
 
 
-def walked(drifts=(0.0, 0.0), angle=0.0, width=0.15, turn_at=STRIDES // 2, noise=0.0):
+def walked(drifts, angle=0.0, noise=0.0):
     """Times, ways and footholds of feet that go out and back; a foot's heading drifts by `drifts` [rad/s]."""
     time = np.arange(int(HZ * 1.1 * (STRIDES + 1))) / HZ
-    rng = np.random.default_rng(3)
+    rng, turn_at = np.random.default_rng(3), STRIDES // 2
     ways, steps = [], []
     for side, drift in enumerate(drifts):
         at = ((np.arange(STRIDES) + 0.5 * side) * 1.1 * HZ).astype(int)
         along = np.where(np.arange(STRIDES) < turn_at, np.arange(STRIDES), 2 * turn_at - np.arange(STRIDES))
         outward = np.where(np.arange(STRIDES) < turn_at, 1.0, -1.0)
-        place = np.stack([1.3 * (along + 0.5 * side * outward), 0.5 * width * (2 * side - 1) * outward], axis=1)
+        place = np.stack([1.3 * (along + 0.5 * side * outward), 0.075 * (2 * side - 1) * outward], axis=1)
         place += noise * rng.standard_normal(place.shape)
         way = np.interp(time, time[at], place @ [1.0, 1.0j])
         ways.append(headings.turned_way(way, drift * (time - time[at[0]]) + angle * side))

@@ -57,29 +57,6 @@ def test_without_errors_all_are_the_walk(methods):
         np.testing.assert_allclose(found.length[:8], 1.2 * PERIOD * DT, rtol=0.01)
 
 
-def test_a_bias_is_taken_out_once_the_first_velocities_are_known(methods):
-    bias = jnp.where(jnp.arange(SAMPLES) > int(MARKS[2]), 0.1, 0.0)
-    clean, off = (methods["hard"](P, acc) for acc in (WALK, WALK + bias))
-    np.testing.assert_array_equal(off.updated, [True, True] + [False] * 8)
-    np.testing.assert_array_equal(off.valid, [True] * 8 + [False] * 2)
-    np.testing.assert_allclose(off.change[2:8] - clean.change[2:8], 0.1 * PERIOD * DT, rtol=0.01)
-    # The third cycle's first interval has half the bias; from the fourth on it is constant.
-    np.testing.assert_allclose(off.length[2], clean.length[2], atol=1e-3)
-    np.testing.assert_allclose(off.length[3:], clean.length[3:], atol=1e-12)
-    # OFI keeps all of it: ½ b t² over six cycles.
-    ofi = methods["integrated"](P, WALK + bias).displacement - methods["integrated"](P, WALK).displacement
-    np.testing.assert_allclose(ofi[MARKS[-1]], 0.05 * (6 * PERIOD * DT) ** 2, rtol=0.01)
-
-
-def test_a_change_of_speed_is_kept_unless_it_is_below_the_threshold(methods):
-    true = speed(0.5)
-    found, high = methods["hard"](P, FASTER), methods["hard"](P._replace(threshold=0.6), FASTER)
-    np.testing.assert_array_equal(found.updated[:8], [True, True, False, False, True, False, False, False])
-    np.testing.assert_allclose(found.velocity, true - true[0], atol=0.015)
-    np.testing.assert_allclose(found.start[:8], true[MARKS[:-1]], atol=0.01)
-    assert np.all(np.asarray(found.length[5:8] - high.length[5:8]) > 0.45)
-
-
 def test_the_recursion_is_the_papers(methods):
     """A loop in plain words, with noise and cycles of different length that leave a gap."""
     acc = np.asarray(FASTER) + 0.4 * np.random.default_rng(1).standard_normal(SAMPLES)
