@@ -61,7 +61,10 @@ def assert_same(mine, theirs):
         assert_same(parts[name], part)
 
 
-@pytest.mark.parametrize("estimator", ["leg_ekf", "duty_cycled_gyro", "foot_ins", "ankle_stride"])
+RARE = [pytest.param(name, marks=pytest.mark.release) for name in ("duty_cycled_gyro", "ankle_stride")]
+
+
+@pytest.mark.parametrize("estimator", ["leg_ekf", "foot_ins", *RARE])
 def test_the_example_gives_the_numbers_of_jgait_in_a_process_without_jgait(walked, tmp_path, estimator):
     live = jgait.online(walked, {"height": 1.75}, estimator)
     (source, step), *_ = live.export().items()

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made.estimators import without
 from made.foot import foot
 
 from jgait import params
@@ -99,10 +98,3 @@ def test_gradients_reach_the_decision_and_the_weights(signals):
         slope = both(usual, way)[1]
         np.testing.assert_allclose(slope, (up - down) / 2e-5, rtol=1e-4, atol=1e-7, err_msg=name)
         assert np.any(slope != 0.0), name
-
-
-def test_a_lost_sample_has_no_zero_velocity(recording):
-    signals = foot_ins.prepared(without(recording, 0.2, 0.05)).inputs.right
-    assert not signals.stands[20:25].any() and signals.stands[19]
-    factor = velocity_variance(FootParams(), signals, True) / velocity_variance(FootParams(), signals, False)
-    assert np.all(np.asarray(factor)[20:25] > 1e10) and float(factor[19]) < 10.0

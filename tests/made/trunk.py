@@ -25,14 +25,12 @@ class Made(NamedTuple):
     length: np.ndarray
 
 
-def walk(
-    turn: float = 0.0, steps: int = 16, quiet: float = 3.0, placement: str = "waist", speed: float | None = None
-) -> Made:
+def walk(turn: float = 0.0, steps: int = 16, quiet: float = 3.0, speed: float | None = None) -> Made:
     """Standing [s], steps and the one that closes up, standing; after 5 m the walk turns [rad]; None: a usual speed."""
     gait = Gait() if speed is None else simulate.gait(speed=speed, stature=1.75)
     person = Person(gait=gait._replace(steps=float(steps), quiet_before=quiet))
     along = simulate.route({"length": 5.0}, {"length": 1.5, "turn": turn}, {"length": 20.0})
-    recording, truth = simulate.recording(jax.random.key(1), person, along, rate=RATE, placements=(placement,))
+    recording, truth = simulate.recording(jax.random.key(1), person, along, rate=RATE, placements=("waist",))
     strides = truth.strides
     rows = np.flatnonzero(strides.valid)
     return Made(

@@ -34,8 +34,7 @@ def whole(walk):
     return estimate(walk)
 
 
-@pytest.mark.parametrize("placement", ["thigh_right", "shank_right"])
-@pytest.mark.parametrize("samples", [50, 300])
+@pytest.mark.parametrize(("placement", "samples"), [("thigh_right", 50), ("shank_right", 300)])
 def test_angles_after_a_gap_are_those_without_it(walk, whole, placement, samples):
     gap = estimate(gapped(walk, placement, samples))
     np.testing.assert_array_equal(np.flatnonzero(~gap.valid), np.arange(BEGIN, BEGIN + samples))

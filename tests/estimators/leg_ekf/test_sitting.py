@@ -2,6 +2,8 @@
 slips in the walk tilts otherwise in the standing after it. A person who leans in a short standing moves no zero.
 """
 
+import functools
+
 import jax
 import numpy as np
 import pytest
@@ -27,7 +29,18 @@ def walk():
     ]
 
 
-def seated(walk, stands_s=3.0):
+def estimated(estimator, recording):
+    method = estimator.estimator()
+    return method.estimate(method.params, recording)
+
+
+@pytest.fixture(scope="module")
+def plain(walk):
+    """Estimator → the estimate of the walk as it is."""
+    return functools.cache(functools.partial(estimated, recording=walk))
+
+
+def seated(walk, stands_s):
     """The recording with a person who sits first, thigh forward, rises, and stands for a time before the walk."""
     cut = round((3.0 - stands_s) * RATE)
     share = np.linspace(0.0, 1.0, round(RISES_S * RATE))
@@ -43,15 +56,14 @@ def seated(walk, stands_s=3.0):
     return walk._replace(sensors=sensors), cut
 
 
-@pytest.mark.parametrize("stands_s", [3.0, 0.0])
-@pytest.mark.parametrize("estimator", [leg_ekf, duty_cycled_gyro])
-def test_angles_of_the_walk_do_not_depend_on_sitting_before_it(walk, estimator, stands_s):
+@pytest.mark.parametrize(("estimator", "stands_s"), [(leg_ekf, 3.0), (leg_ekf, 0.0), (duty_cycled_gyro, 0.0)])
+def test_angles_of_the_walk_do_not_depend_on_sitting_before_it(walk, plain, estimator, stands_s):
     recording, cut = seated(walk, stands_s)
-    plain, sat = (estimator.estimator().estimate(estimator.estimator().params, one) for one in (walk, recording))
+    sat = estimated(estimator, recording)
     # Without standing before the walk that at its end calibrates, where a person stands a little differently.
     within = np.radians(0.5 if stands_s else 2.0)
     for angle in ("hip_angle", "knee_angle"):
-        a, b = (np.asarray(getattr(one.legs.right, angle)) for one in (plain, sat))
+        a, b = (np.asarray(getattr(one.legs.right, angle)) for one in (plain(estimator), sat))
         np.testing.assert_allclose(b[BEFORE + 100 :], a[cut + 100 :], rtol=0, atol=within)
     begins = np.degrees(
         [np.asarray(one)[200:450].mean() for one in (sat.legs.right.hip_angle, sat.legs.right.knee_angle)]
@@ -61,12 +73,12 @@ def test_angles_of_the_walk_do_not_depend_on_sitting_before_it(walk, estimator, 
     assert "sits" in codes and "no_first_standing" not in codes and "knee_implausible" not in codes
 
 
-def test_who_never_stands_gets_angles_with_a_wider_deviation(walk):
+def test_who_never_stands_gets_angles_with_a_wider_deviation(walk, plain):
     """Behind a chair, and cut out of the walk; without accelerometers there is no zero, and the reason is given."""
     recording, cut = seated(walk, 0.0)
     last = len(recording.sensors["thigh_right"].time) - round(2.5 * RATE)
     first = BEFORE + 150
-    plain = leg_ekf.estimate(leg_ekf.LegParams(), walk)
+    usual = plain(leg_ekf)
     for begin in (0, first):
         sensors = {name: Imu(*(part[begin:last] for part in imu)) for name, imu in recording.sensors.items()}
         never = leg_ekf.estimate(leg_ekf.LegParams(), recording._replace(sensors=sensors))
@@ -74,18 +86,19 @@ def test_who_never_stands_gets_angles_with_a_wider_deviation(walk):
         assert never.diagnostics["standing"] is None
         for angle in ("hip_angle", "knee_angle"):
             a, b, deviation = (
-                np.asarray(getattr(part.right, angle)) for part in (plain.legs, never.legs, never.stddev)
+                np.asarray(getattr(part.right, angle)) for part in (usual.legs, never.legs, never.stddev)
             )
             off = b[first + 100 - begin :] - a[cut + first + 100 - BEFORE : cut + last - BEFORE]
             assert np.ptp(off) < np.radians(6.0) and abs(off.mean()) < 2.0 * np.median(deviation)
-            assert np.median(deviation) > 1.3 * np.median(np.asarray(getattr(plain.stddev.right, angle)))
+            assert np.median(deviation) > 1.3 * np.median(np.asarray(getattr(usual.stddev.right, angle)))
     bare = {name: imu._replace(acc=None) for name, imu in sensors.items()}
     with pytest.raises(RecordingError, match=r"leg_ekf needs 0.5 s of quiet standing"):
         leg_ekf.prepared(recording._replace(sensors=bare))
 
 
-@pytest.mark.parametrize("degrees", [0.0, 20.0, -15.0])
-@pytest.mark.parametrize("placement", ["thigh_right", "shank_right"])
+@pytest.mark.parametrize(
+    ("placement", "degrees"), [("thigh_right", 0.0), ("thigh_right", 20.0), ("shank_right", -15.0)]
+)
 def test_a_sensor_that_slips_is_noted(walk, placement, degrees):
     imu = walk.sensors[placement]
     later = np.asarray(imu.time) > 0.5 * imu.time[-1]
@@ -133,14 +146,12 @@ def leaning(walk, begin_s, end_s, degrees):
     return walk._replace(sensors=sensors)
 
 
-@pytest.mark.parametrize(("begin_s", "end_s", "degrees"), [(2.3, 2.9, 3.0), (2.0, 2.9, 3.0), (2.2, 3.0, -3.0)])
-def test_a_short_standing_in_which_the_person_leans_does_not_turn_the_angles(walk, begin_s, end_s, degrees):
+@pytest.mark.parametrize(("begin_s", "end_s", "degrees"), [(2.3, 2.9, 3.0), (2.2, 3.0, -3.0)])
+def test_a_short_standing_in_which_the_person_leans_does_not_turn_the_angles(walk, plain, begin_s, end_s, degrees):
     first, last, walks = round(2.2 * RATE), round(9.0 * RATE), round(4.0 * RATE)
     moved = leaning(walk, begin_s, end_s, degrees)
     short = {name: Imu(*(part[first:last] for part in imu)) for name, imu in moved.sensors.items()}
-    plain, leant = (
-        leg_ekf.estimator().estimate(leg_ekf.estimator().params, one) for one in (walk, walk._replace(sensors=short))
-    )
+    leant = estimated(leg_ekf, walk._replace(sensors=short))
     for angle in ("hip_angle", "knee_angle"):
-        a, b = (np.asarray(getattr(one.legs.right, angle)) for one in (plain, leant))
+        a, b = (np.asarray(getattr(one.legs.right, angle)) for one in (plain(leg_ekf), leant))
         np.testing.assert_allclose(b[walks - first :], a[walks:last], rtol=0, atol=np.radians(2.5))

@@ -361,15 +361,6 @@ def test_strides_slower_than_those_learned_from_are_noted_and_uncertain(name):
     assert estimate.diagnostics["distance_stddev"][-1] > 0.35 * measured * estimate.distance[-1]
 
 
-def test_lost_samples_are_noted_and_hardly_change_the_distance(straight):
-    made, plain = straight
-    mask = imu_of(made.recording).mask.copy()
-    mask[300:304] = False
-    lossy = estimated(worn(made.recording, mask=mask))
-    assert "4 samples of waist are lost" in notes(lossy)
-    np.testing.assert_allclose(lossy.distance[-1], plain.distance[-1], rtol=0.02)
-
-
 def test_options_parameters_and_measures_that_are_none_are_refused(straight):
     recording = straight[0].recording
     with pytest.raises(ValueError, match="distance must be one of fused, update; got 'far'"):
