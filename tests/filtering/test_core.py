@@ -78,7 +78,7 @@ def test_batches_of_any_shape_are_the_single_results(name):
         return jax.tree.map(np.asarray, jax.jit(function)(*given))
 
     alone = [[one(p, at(batch, j)) for j in range(block + 1)] for p in params]
-    for size in (1, 3, block, block + 1) if name == "bent" else (block + 1,):
+    for size in (1, block, block + 1) if name == "bent" else (block + 1,):
         found = computed(jax.vmap(one, (None, 0)), params[1], at(batch, slice(size)))
         for j in range(size):
             same(at(found, j), alone[1][j])
@@ -89,10 +89,9 @@ def test_batches_of_any_shape_are_the_single_results(name):
     last = jax.tree.map(np.transpose, at(batch, slice(7)))
     inside = jax.vmap(jax.vmap(one, (None, 1)), (0, None))
     outside = jax.vmap(jax.vmap(one, (0, None)), (None, 1), out_axes=1)
-    for nested in (inside, outside) if name == "bent" else (outside,):
-        found = computed(nested, params, last)
-        for i, j in ((0, 0), (1, 6), (2, 3)):
-            same(at(found, (i, j)), alone[i][j])
+    found = computed(inside if name == "bent" else outside, params, last)
+    for i, j in ((0, 0), (1, 6), (2, 3)):
+        same(at(found, (i, j)), alone[i][j])
 
 
 WRONG = 5

@@ -90,7 +90,7 @@ def derived(function: Function, at: Any, moves: Any) -> tuple[Any, Any, Any]:
 
 STEP = 1e-5
 CASES = [
-    ("bent", EKF(), "everything"), ("heading", EKF(), "filter"), ("heading", EKF(), "covariances"),
+    ("bent", EKF(), "everything"), ("heading", EKF(), "everything"),
     ("bent", IteratedEKF(2), "covariances"), ("bent", UKF(), "filter"), ("line", CKF(), "means"),
 ]  # fmt: skip
 

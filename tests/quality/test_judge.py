@@ -1,6 +1,5 @@
 """Doubt about strides and recordings, on simulated feet that stand as the model says and on feet that do not."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from made.estimators import masked
@@ -11,9 +10,7 @@ from made.trunk import imu_of, worn
 
 from jgait import estimators
 from jgait.estimators import ankle_stride, foot_ins
-from jgait.estimators.checks import HELD, bridged, held_bridge, integral_error
 from jgait.estimators.foot_ins import FootParams
-from jgait.estimators.notes import LONGEST_LOSS
 from jgait.estimators.stride_flags import DOUBTFUL
 from jgait.quality import model, trust
 
@@ -55,7 +52,7 @@ def test_a_gap_puts_no_stances_in_doubt_but_sliding_does(slides):
 
 
 @pytest.mark.parametrize("make", [foot, shank])
-@pytest.mark.parametrize(("begin", "seconds"), [(5.65, 0.2), (5.0, 0.4), (5.0, 0.9), (5.26, 0.9), (5.52, 1.2)])
+@pytest.mark.parametrize(("begin", "seconds"), [(5.65, 0.2), (5.0, 0.4), (5.26, 0.9), (5.52, 1.2)])
 def test_strides_about_a_gap_err_as_stated_or_are_left_out(make, begin, seconds):
     """Whether it takes a stance, a swing or both; strides far from it are as certain as without it."""
     recording = make(strides=8, seed=1).recording
@@ -70,28 +67,6 @@ def test_strides_about_a_gap_err_as_stated_or_are_left_out(make, begin, seconds)
     away = (strides.end < begin) | (strides.start > begin + seconds + 1.0)
     assert away.sum() >= 4
     assert np.all(deviations.length[away] < 0.04)
-
-
-def test_errors_over_a_loss_add_up_to_those_of_interpolation_and_a_long_loss_is_passed_at_rest():
-    time = 0.01 * np.arange(200)
-    step = np.full(200, 0.01)
-    lost = np.zeros(200, bool)
-    lost[20:30] = lost[100:160] = True
-    still = np.zeros((200, 3))
-    over = bridged(lost, time, step, still, still, (2.0, 0.1), (5.0, 0.001))
-    np.testing.assert_array_equal(over.dt[~lost], 0.01)
-    np.testing.assert_array_equal(over.rate[~lost] + over.force[~lost], 0.0)
-    for noise, size in ((over.rate, (2.0, 0.1)), (over.force, (5.0, 0.001))):
-        short, long = (np.sqrt(np.sum((noise * over.dt)[part] ** 2)) for part in (slice(20, 30), slice(100, 160)))
-        assert short == pytest.approx(integral_error(0.1, *size))
-        assert long == pytest.approx(HELD * integral_error(LONGEST_LOSS, *size))
-    assert over.dt[100:160].sum() < 0.1
-    some = np.zeros(50)
-    some[10:40] = 1.0
-    goes, *noises = held_bridge(jnp.asarray(some), jnp.asarray(0.01 * np.cumsum(some)), 0.01, (2.0, 0.1), (5.0, 0.001))
-    assert np.sum(~np.asarray(goes)) == 5
-    total = np.sqrt(np.sum((np.asarray(noises[0]) * 0.01) ** 2))
-    assert total == pytest.approx(HELD * integral_error(LONGEST_LOSS, 2.0, 0.1))
 
 
 @pytest.mark.parametrize(
@@ -109,11 +84,10 @@ def test_an_accelerometer_far_off_at_rest_makes_lengths_less_certain(make, modul
     assert total < 2.0 * found.diagnostics["distance_stddev"][-1]
 
 
-@pytest.mark.parametrize("hz", [30.0, 50.0])
-def test_strides_of_a_shank_that_is_sampled_slowly_err_as_stated(hz):
-    made = shank(strides=6, hz=hz)
+def test_strides_of_a_shank_that_is_sampled_slowly_err_as_stated():
+    made = shank(strides=6, hz=30.0)
     found = ankle_stride.estimate(ankle_stride.AnkleParams(), made.recording)
-    assert len(of_code(found.diagnostics["notes"], "sampled_slowly")) == (hz < 40.0)
+    assert of_code(found.diagnostics["notes"], "sampled_slowly")
     assert np.all(np.abs(found.strides.length - made.length) < 3.0 * found.strides_stddev.length)
 
 
