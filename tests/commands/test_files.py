@@ -48,7 +48,7 @@ def test_a_bad_file_is_refused_in_words_and_leaves_nothing(walk, tmp_path, spoil
     assert not (tmp_path / "results").exists()
 
 
-def test_columns_of_unknown_names_are_listed_or_placed(walk, tmp_path):
+def test_columns_of_unknown_names_are_listed_or_placed(walk, tmp_path, without_estimates):
     walk.write_text(walk.read_text().replace("shank_right", "Wade_re").replace("thigh_right", "Bein_re"))
     code, said = run("estimate", walk, "--out", tmp_path / "results")
     assert code == 2

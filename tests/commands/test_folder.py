@@ -6,12 +6,10 @@ import json
 import os
 from pathlib import Path
 
-import jax
 import pytest
 import typer
 from typer.testing import CliRunner
 
-from experiments.common import protocols
 from jgait import io
 from jgait.cli import app
 from jgait.commands.estimate import _called
@@ -148,11 +146,10 @@ def test_as_many_folders_are_named_as_tell_files_apart(tmp_path, monkeypatch):
 NASTY = "a$_{$[bold]\x1b[2J\udcff"  # the last is a byte that is no text
 
 
-def test_names_with_markup_formulas_and_control_characters(tmp_path, monkeypatch):
+def test_names_with_markup_formulas_and_control_characters(recording, tmp_path, monkeypatch):
     """A file and its columns are called so that a terminal, a figure or a page could take them for orders."""
     monkeypatch.chdir(tmp_path)
-    walk = protocols.bennett(jax.random.key(3), 1)[0].recording
-    io.recording_to_dataframe(walk).assign(**{f"<script>{NASTY[:-1]}": 1.0}).to_csv(f"{NASTY}.csv", index=False)
+    io.recording_to_dataframe(recording).assign(**{f"<script>{NASTY[:-1]}": 1.0}).to_csv(f"{NASTY}.csv", index=False)
     for words in (["estimate", f"{NASTY}.csv"], ["report", f"{NASTY}.csv"]):
         words += ["--json", "numbers.json"]
         result = CliRunner(env={"COLUMNS": "200"}).invoke(app, words)

@@ -60,7 +60,7 @@ def same(one, two):
     return sorted(differ) == []
 
 
-def parts(words, out, of=3):
+def parts(words, out, of=2):
     for number in range(1, of + 1):
         code, said = run(*words, "--out", out, f"--part={number}/{of}")
         assert code in (0, 1) and f"part {number} of {of}" in said and "jgait join" in said, said
@@ -68,13 +68,22 @@ def parts(words, out, of=3):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_parts_that_are_joined_are_the_files_of_one_run(command, table, whole, tmp_path):
-    parts((*COMMANDS[command], table), tmp_path / "out")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [machines.PARTS]
-    code, said = run("join", tmp_path / "out")
+    words, out = (*COMMANDS[command], table), tmp_path / "out"
+    parts(words, out)
+    assert [path.name for path in out.iterdir()] == [machines.PARTS]
+    if command == "estimate":  # a part that is given again computes what is left
+        places = [machines.JobPart(number, 2).place(out) / "estimated" for number in (1, 2)]
+        (lost,) = (path for place in places for path in place.glob("w0"))
+        kept = {path: path.stat().st_mtime_ns for place in places for path in place.glob("w[12]/*")}
+        lost.rename(tmp_path / "lost")
+        parts(words, out)
+        assert kept and kept == {path: path.stat().st_mtime_ns for path in kept}
+        assert lost.is_dir()
+    code, said = run("join", out)
     assert code == 1 and "1 of 5 recordings could not be used" in said, said
-    assert same(tmp_path / "out", whole(command))
-    assert not (tmp_path / "out" / machines.PARTS).exists()
-    assert run("join", tmp_path / "out")[0] == 2
+    assert same(out, whole(command))
+    assert not (out / machines.PARTS).exists()
+    assert run("join", out)[0] == 2
 
 
 @pytest.mark.release
@@ -86,7 +95,7 @@ def test_a_tuning_in_parts_and_on_workers_is_that_of_one_process(tmp_path):
         # In a process of its own: functions whose annotations are checked, as here, cannot be sent.
         script = "import sys; from made.command import run; print(*run(*sys.argv[1:]))"
         assert ran(script, *TUNE, *more, JAX_ENABLE_X64="1").startswith("0 ")
-    parts(TUNE, tmp_path / "parts", of=2)
+    parts(TUNE, tmp_path / "parts")
     code, said = run("join", tmp_path / "parts")
     assert code == 0, said
     held = [pd.read_csv(tmp_path / name / "held_out.csv") for name in ("one", "dask", "parts")]
@@ -126,25 +135,10 @@ def test_parts_that_are_no_whole_are_refused_by_name(made, tmp_path, calls, reas
     assert code == 2 and reason.format(tmp_path / machines.PARTS) in said, said
 
 
-@pytest.mark.parametrize("part", ["0/3", "4/3", "3", "a/b", "1/0"])
-def test_what_is_no_part_is_refused(table, tmp_path, part):
-    code, said = run("estimate", table, "--part", part, "--out", tmp_path)
-    assert code == 2 and f"--part is K/N with a number K from 1 to N, such as 3/20; got '{part}'" in said
-
-
-def test_a_part_again_computes_what_is_left(table, whole, tmp_path):
-    parts((*COMMANDS["estimate"], table), tmp_path / "out", of=1)
-    place = machines.JobPart(1, 1).place(tmp_path / "out") / "estimated"
-    kept = {path: path.stat().st_mtime_ns for path in place.glob("w[12]/*")}
-    (place / "w0").rename(tmp_path / "lost")
-    parts((*COMMANDS["estimate"], table), tmp_path / "out", of=1)
-    assert kept == {path: path.stat().st_mtime_ns for path in place.glob("w[12]/*")}
-    assert (place / "w0").is_dir()
-    assert run("join", tmp_path / "out")[0] == 1 and same(tmp_path / "out", whole("estimate"))
-
-
-def test_a_scheduler_that_does_not_answer_is_named(tmp_path):
-    pytest.importorskip("distributed")
+def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    client = distributed.Client
+    monkeypatch.setattr(distributed, "Client", lambda address, timeout: client(address, timeout=0.1))
     code, said = run("evaluate", "--simulated", 1, "--dask", "tcp://127.0.0.1:9", "--out", tmp_path / "out")
     assert code == 2 and "--dask: no Dask scheduler answers at tcp://127.0.0.1:9" in said
 

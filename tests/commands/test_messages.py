@@ -7,27 +7,7 @@ import pytest
 from made.command import run
 
 from jgait import cli, io
-from jgait.commands import jobs
-from jgait.estimators.about import About, EstimatedRecording
-from jgait.report import Made
-from jgait.types import Estimate, Legs, RecordingError, reason_of
-
-
-@pytest.fixture
-def without_estimates(monkeypatch):
-    """`jgait estimate` reads the files and prints their notes; the function that computes can be replaced."""
-
-    def read(recording, known):
-        time = next(iter(recording.sensors.values())).time
-        estimate = Estimate(time, Legs(None, None), None, None, time > -1.0, {"notes": recording.notes})
-        return jobs.of_estimate(EstimatedRecording(recording, estimate, None, {}), About(tables=()))
-
-    def replaced(compute=read):
-        job = jobs.EstimateJob(About(tables=()), compute, Made())
-        monkeypatch.setattr(jobs, "all_sensors", lambda person: job)
-
-    replaced()
-    return replaced
+from jgait.types import RecordingError, reason_of
 
 
 def test_files_of_the_same_name_are_told_apart(recording, tmp_path, without_estimates):

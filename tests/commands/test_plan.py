@@ -29,6 +29,7 @@ def test_explain_ranks_assumptions_and_draws_them(walk, tmp_path):
     assert figure.exists()
 
 
+@pytest.mark.release
 def test_the_page_has_what_moves_a_number(walk, tmp_path):
     page = tmp_path / "page.html"
     code, said = command.run("report", walk, "--height", "1.75", "--explain", "stride_length", "--out", page)

@@ -27,6 +27,8 @@ COMMANDS = {
     "estimate walk.csv --place knee": "there is no placement 'knee'",
     "estimate walk.csv --place a=shank_right --place thigh_right": "got both",
     "estimate walk.csv --place shank_right --place thigh_right": "there can be one placement",
+    "estimate walk.csv --part 4/3": "--part is K/N with a number K from 1 to N, such as 3/20; got '4/3'",
+    "estimate walk.csv --part a/b": "--part is K/N with a number K from 1 to N, such as 3/20; got 'a/b'",
     "evaluate": "give one of: a table COHORT.csv, --dataset NAME, --simulated N; got none",
     "evaluate nowhere.csv": "there is no such file: nowhere.csv",
     "evaluate --dataset mine": "there is no data set 'mine'",

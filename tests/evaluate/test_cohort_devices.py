@@ -83,6 +83,7 @@ def client():
         yield one
 
 
+@pytest.mark.release
 def test_dask_workers_may_die(tmp_path, client):
     (tmp_path / "die").touch()
     items = [f"{i}:{tmp_path}" for i in range(24)]
