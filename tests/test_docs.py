@@ -15,7 +15,6 @@ import nbformat
 import pytest
 
 from jgait import estimators
-from jgait.duty_cycle import power
 from jgait.estimators.leg_ekf import params as leg_params
 
 ROOT = Path(__file__).parents[1]
@@ -184,30 +183,11 @@ def test_a_notebook_is_shown_with_its_outputs_if_these_are_of_the_same_cells(ext
     assert thumbnail == b"" and ".png" not in card
 
 
-def test_sections_of_a_docstring_get_titles_and_their_fields_become_lists(extension):
-    equation, known = "One:\n\n    x = y", "Args:\n    p: it, and\n        more.\n    q, r: others.\n\nThe end."
-    own = "Sensors:\n    One\n    or two."
-    points = "Deviations from the paper:\n    As seen.\n\n    1. First,\n       long.\n    2. Second."
-    source = "Source: somebody, a\ntitle."
-    text = "\n\n".join([equation, source, own, points, known])
-    docstrings = extension("docstrings")
-    put = "As seen.\n\n1. First,\n   long.\n2. Second.\n"
-    lists = "**Args**\n\n- `p`: it, and\n    more.\n- `q, r`: others.\n"
-    titled = f"**Sensors**\n\nOne\nor two.\n\n\n**Deviations from the paper**\n\n{put}\n\n{lists}\n\nThe end.\n"
-    assert docstrings.markdown(text) == f"{equation}\n\n{source}\n\n{titled}"
-
-
 def test_every_public_name_of_a_package_is_in_its_table(extension):
     pages = extension("pages")
     for name in ("jgait.datasets", "jgait.estimators", "jgait.tune"):
         page = pages.page(name)
         assert [one for one in importlib.import_module(name).__all__ if f"`{one}`" not in page] == []
-
-
-def test_fields_of_a_tuple_that_are_described_where_they_stand_are_listed(extension):
-    lines = ["The power of a sensor.", ""]
-    extension("pages").docstring(None, "class", "Sensor", power.Sensor, None, lines)
-    assert "- `off`: power while the sensor is off [W]." in "\n".join(lines)
 
 
 def test_a_part_of_a_docstring_is_its_beginning_or_a_section(extension):
@@ -230,21 +210,7 @@ def test_parameters_are_shown_with_their_defaults(site):
     assert re.search(rf"rollover_radius: [^=]*= {default}\b", said)
 
 
-def test_formulae_become_mathml(extension):
-    formula = extension("mathml").formula
-    assert re.search(r"<mi>a</mi>\s*<mo>&lt;</mo>\s*<mi>𝝎</mi>", formula(r"a < \boldsymbol\omega", block=False))
-    block = formula(r"\begin{aligned} x &= 1 \\ y &= 2 \end{aligned}", block=True)
-    assert block.count("<mtr>") == 2
-    assert 'display="block"' in block
-    assert "\\" not in block
-
-
 @pytest.mark.parametrize("name", ["command-line.md", "formats.md"])
 def test_what_is_written_into_pages_is_up_to_date(extension, name):
     page = (ROOT / "docs" / name).read_text(encoding="utf-8")
     assert page == extension("sources").page(name), "run `python docs/_ext/sources.py`"
-
-
-def test_an_experiment_without_rows_is_named(extension):
-    with pytest.raises(ValueError, match=r"no row of none"):
-        extension("sources").accuracy("none")

@@ -11,7 +11,7 @@ from made.command import run
 from experiments.common import protocols
 from jgait import io
 from jgait.commands import cohort
-from jgait.commands.cohort_table import COPIED, copies_among
+from jgait.commands.cohort_table import COPIED
 from jgait.commands.pipeline import chosen
 from jgait.estimators import leg_ekf
 
@@ -330,14 +330,3 @@ def test_parameters_in_a_file(tmp_path):
         file.write_text(text)
         with pytest.raises(ValueError, match=message):
             io.read_params(file, leg_ekf.LegParams(), estimator="leg_ekf")
-
-
-def test_copies_are_noted_by_their_names(tmp_path):
-    files = {"a": b"0,1\n", "b": b"0,2\n", "c": b"0,1\n", "d": b"0,1\n"}
-    for name, content in files.items():
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "thigh.csv").write_bytes(content)
-        (tmp_path / name / "shank.csv").write_bytes(b"0,3\n")
-    paths = {name: tmp_path / name for name in files} | {f"{name}.csv": tmp_path / name / "thigh.csv" for name in files}
-    found = [note.text for note in copies_among(paths | {"gone": tmp_path / "nowhere.csv"})]
-    assert found == [f"{name}{end} and a{end} hold the same recording" for end in ("", ".csv") for name in "cd"]

@@ -37,10 +37,3 @@ def test_grave_kinds_come_before_common_ones_and_those_that_all_errors_depend_on
     ]
     assert said(rows) == lines
     assert said({**rows, "d.csv": [other]})[1] == "Check: 1 of 4 recordings, such as d.csv: Contacts" + str(other)[8:]
-
-
-def test_few_kinds_and_no_long_sentence_are_printed(said):
-    kinds = [Kind(f"kind_{number}", "check", f"{number} {'x' * 400}", f"{number}") for number in range(7)]
-    lines = said({"a.csv": [kind() for kind in kinds]})
-    assert len(lines) == 6 and lines[-1].startswith("2 more, and all sentences: ")
-    assert all(len(line) < 260 for line in lines[:-1])

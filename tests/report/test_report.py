@@ -386,8 +386,6 @@ def test_the_folder_of_an_evaluation_gives_the_same_page(evaluated, tmp_path):
 @pytest.fixture
 def walk_file(tmp_path, monkeypatch):
     """A file that is read, and an estimate of it that was made before; what the estimator was told is kept."""
-    from jgait import io
-
     told = {}
 
     def estimated(choice, p, recording):

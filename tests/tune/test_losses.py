@@ -74,22 +74,6 @@ def test_relative_to_standing_a_constant_offset_costs_nothing():
     assert float(relative) == pytest.approx(36.0 / 4.0, rel=1e-9)
 
 
-def test_trajectory_gradients_equal_finite_differences_under_jit_and_mask():
-    reference, start = estimate(leg(6), leg(7)), leg(8)
-    still = jnp.asarray([True, True, False, False, False, False])
-
-    def loss(x):
-        moved = estimate(start._replace(x=x), leg(9), valid=[True] * 5 + [False])
-        return losses.trajectory(moved, reference, relative_to=still)
-
-    sloped = jax.jit(jax.value_and_grad(loss))
-    gradient = sloped(start.x)[1]
-    for h, i in zip(1e-5 * np.eye(T), range(T), strict=True):
-        numeric = (float(sloped(start.x + h)[0]) - float(sloped(start.x - h)[0])) / 2e-5
-        np.testing.assert_allclose(gradient[i], numeric, rtol=1e-6, atol=1e-6)
-    assert gradient[5] == 0.0
-
-
 def test_misuse_is_refused_by_name():
     a = estimate(leg(0), None)
     with pytest.raises(ValueError, match="share no leg"):
