@@ -41,7 +41,6 @@ class Path(NamedTuple):
     """Where a sensor was."""
 
     position: Any  #: (T, 3) in the world, z up [m].
-    velocity: Any  #: (T, 3) [m/s].
     axes: Any  #: (T, 3, 3); column i is the sensor's axis i in the world [1].
 
 
@@ -72,33 +71,12 @@ def attitude(gyr: Any, dt: Any, start: Any) -> Any:
 
 
 @jax.jit
-def integrate(gyr: Any, acc: Any, dt: Any, axes: Any, position: Any = None, velocity: Any = None) -> Path:
-    """Integrate a sensor's readings from a known start.
-
-    Args:
-        gyr: (T, 3) angular rate in the sensor's axes [rad/s], T ≥ 2.
-        acc: (T, 3) specific force in the sensor's axes [m/s²].
-        dt: sample time [s].
-        axes: (3, 3) the sensor's axes in the world at the first sample, in columns.
-        position: (3,) at the first sample [m]; None: the origin.
-        velocity: (3,) at the first sample [m/s]; None: at rest.
-
-    Returns:
-        Position, velocity and axes at every sample.
-
-    Raises:
-        ValueError: if the shapes do not fit.
-    """
-    if gyr.ndim != 2 or gyr.shape[1] != 3 or gyr.shape[0] < 2 or acc.shape != gyr.shape:
-        raise ValueError(f"gyr and acc must both be (T, 3) with T >= 2; got {gyr.shape} and {acc.shape}")
+def _integrated(gyr: Any, acc: Any, dt: Any, axes: Any, position: Any) -> Path:
+    """The path of a sensor that starts at rest."""
     turned = attitude(gyr, dt, axes)
     force = jnp.einsum("tij,tj->ti", turned, acc)
-    world = force - jnp.asarray([0.0, 0.0, GRAVITY], acc.dtype)[None, :]
-    speed = _integral(world, dt)
-    speed = speed if velocity is None else speed + velocity[None, :]
-    way = _integral(speed, dt)
-    way = way if position is None else way + position[None, :]
-    return Path(way, speed, turned)
+    speed = _integral(force - jnp.asarray([0.0, 0.0, GRAVITY], acc.dtype)[None, :], dt)
+    return Path(_integral(speed, dt) + position[None, :], turned)
 
 
 def stacked(vector: Any) -> np.ndarray:
@@ -106,9 +84,8 @@ def stacked(vector: Any) -> np.ndarray:
     return np.stack([np.asarray(part) for part in vector], axis=1)
 
 
-def followed(imu: Any, frame: Any, point: Any, rate: float, every: int = 1) -> tuple[Path, np.ndarray, np.ndarray]:
-    """The path of a sensor from its readings, or some of them; true places (T, 3) and axes (T, 3, 3) of the point."""
+def followed(imu: Any, frame: Any, point: Any, rate: float) -> tuple[Path, np.ndarray, np.ndarray]:
+    """The path of a sensor from its readings; true places (T, 3) and axes (T, 3, 3) of the point."""
     place, axes = stacked(in_world(frame, point)), np.stack([stacked(axis) for axis in frame[1:]], axis=2)
-    place, axes = place[::every], axes[::every]
-    gyr, acc, *start = map(jnp.asarray, (imu.gyr[::every], imu.acc[::every], axes[0], place[0]))
-    return integrate(gyr, acc, every / rate, *start), place, axes
+    gyr, acc, *start = map(jnp.asarray, (imu.gyr, imu.acc, axes[0], place[0]))
+    return _integrated(gyr, acc, 1.0 / rate, *start), place, axes

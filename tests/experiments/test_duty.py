@@ -1,12 +1,10 @@
-"""What the experiment of the sleeping gyroscope says: the energy column, its schedules, and errors by hand."""
+"""The experiment of the sleeping gyroscope: its schedules, errors by hand, and a leg beside the paper's figures."""
 
 import numpy as np
 import pytest
-from made.gaps import COUNT, RATE_HZ, schedule, walk
 
 from experiments.udaya2010 import legs
 from experiments.udaya2010 import table2 as table
-from experiments.udaya2010.ridge import RIDGE, ridge
 from jgait.duty_cycle.fillers.registry import fillers
 
 
@@ -19,23 +17,6 @@ def walker():
     rate = size * (2.0 * np.sin(phase) + 1.5 * np.sin(2.0 * phase))
     acc = np.stack([4.0 * size * np.sin(phase), 0.0 * phase, 9.81 + 3.0 * size * np.sin(2.0 * phase)], axis=1)
     return legs.Leg("made", "right", False, rate, acc, None)
-
-
-def test_the_energy_column_is_the_papers():
-    rows = {row.metric: row for row in table.energy()}
-    assert rows["energy_column_max_error"].value < 0.005  # half of the last printed digit
-    assert len(rows) == 10
-    for duty in range(10, 100, 10):
-        row = rows[f"energy_saving_duty{duty}"]
-        assert round(row.value, 2) == row.paper
-
-
-def test_the_papers_protocol_is_ten_units(walker):
-    case = legs.papers_case(walker._replace(rate=np.ones(900), acc=np.ones((900, 3))), 40)
-    # Two of five units on, twice: 40 % as 2/5.
-    expected = np.repeat([1, 1, 0, 0, 0, 1, 1, 0, 0, 0], 70).astype(bool)
-    np.testing.assert_array_equal(case.usable, expected)
-    assert case.judged == 0 and 100.0 * case.saving == pytest.approx(57.142857)
 
 
 def test_warm_up_and_two_strides_are_measured_before_the_first_gap(walker):
@@ -71,20 +52,3 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data):
     told = table.relative_errors(fillers()["neighbours"], cases, least_strides=1.0, thigh=False)
     # Measured .05 and .08; the paper has .267 and .302.
     assert told[0] < 0.10 and told[1] < 0.17
-
-
-def test_ridge_is_the_batch_solution_of_what_was_measured():
-    rate, acc = walk(seed=6)
-    on = schedule()
-    found = ridge(rate, on, acc, RATE_HZ, RIDGE._replace(forget=0.99))
-    lags = np.arange(0, 21, 2)
-    rows = np.clip(np.arange(COUNT)[:, None] - lags, 0, None)
-    x = np.column_stack([(acc / RIDGE.acc_scale)[rows].reshape(COUNT, -1), np.ones(COUNT)])
-    for t in (150, 265):
-        seen = np.flatnonzero(on[:t])
-        count = 0.99 ** (len(seen) - 1 - np.arange(len(seen)))
-        gram = (x[seen] * count[:, None]).T @ x[seen] + RIDGE.penalty * 0.99 ** len(seen) * np.eye(x.shape[1])
-        weights = np.linalg.solve(gram, (x[seen] * count[:, None]).T @ rate[seen])
-        np.testing.assert_allclose(found.rate[t], x[t] @ weights, rtol=1e-7)
-    later = ridge(rate, on, acc, RATE_HZ, latency_s=0.1)  # knows more, and says so
-    assert int(later.latency) == 5 and not np.allclose(found.rate, later.rate)

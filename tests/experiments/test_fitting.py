@@ -14,7 +14,6 @@ from experiments.common.fitting import (
 from experiments.people.fitted import OTHERS, usual
 from jgait import simulate
 from jgait.simulate.sensors import OPAL
-from jgait.types import Imu
 
 pytestmark = pytest.mark.release
 
@@ -69,15 +68,6 @@ def test_other_sensors_of_the_fitted_walker_read_what_they_would_have(someone):
     assert np.all(ours < 0.7 * theirs)
     read, _ = simulate.recording(jax.random.key(0), fit.person, placements=OTHERS)
     assert all(np.isfinite(imu.acc).all() for imu in read.sensors.values())
-
-
-def test_standing_cannot_be_fitted():
-    recording, _ = simulate.recording(jax.random.key(0), placements=simulate.FOUR)
-    still = recording._replace(
-        sensors={name: Imu(*(part[:250] for part in imu)) for name, imu in recording.sensors.items()}
-    )
-    with pytest.raises(ValueError, match="two or more regular strides of one foot; there are 0 of the right"):
-        fitted(still)
 
 
 def test_ankles_of_a_recorded_person_are_predicted_from_thighs_and_shanks(data):

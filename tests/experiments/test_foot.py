@@ -1,4 +1,4 @@
-"""The foot's experiment: its scores, its quick form, and what it does with recordings that are bad or absent."""
+"""The foot's experiment: its scores and its quick form."""
 
 from types import SimpleNamespace
 
@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from experiments.foot_ins import closures, pivot
 from experiments.foot_ins import feet as real
+from experiments.foot_ins import pivot
 from experiments.foot_ins import run as running
-from jgait import datasets, simulate
+from jgait import simulate
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import FootParams
 from jgait.simulate import sensors
@@ -34,8 +34,6 @@ def walk():
 
 
 def test_a_simulated_foot_is_found_cut_and_learned_from(walk, monkeypatch):
-    from experiments.foot_ins import feet as real
-
     item = running.Ready(walk, foot_ins.prepared(walk.recording).inputs)
     one = running.solved(FootParams(), item)
     assert one.lost == 0
@@ -58,18 +56,6 @@ def test_a_simulated_foot_is_found_cut_and_learned_from(walk, monkeypatch):
     monkeypatch.setattr(pivot, "foot_ins", SimpleNamespace(run=running.run_one))
     loss = pivot.Loss(foot_ins.DEFAULT)(FootParams(), lesson)
     np.testing.assert_allclose(loss, size, rtol=1e-9)
-
-
-def test_sets_that_are_absent_are_named(monkeypatch, tmp_path, capsys):
-    monkeypatch.setenv(datasets.registry.DATA_DIR_VARIABLE, str(tmp_path))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    if datasets.available("footprints"):
-        pytest.skip("footprints were downloaded into the cache")
-    assert running.ready("footprints", quick=True) == []
-    assert closures.rows(quick=False) == []
-    said = capsys.readouterr().out
-    assert "left out: data set 'footprints' is not there" in said
-    assert "left out: data set 'xio_gait' is not there" in said
 
 
 def test_quick_form(load_experiment, data):

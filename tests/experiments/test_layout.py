@@ -1,10 +1,6 @@
 """What the experiment on the shape of the code counts, on code that breaks its rules and on code that keeps them."""
 
-import jax
-import jax.numpy as jnp
 import pytest
-from jax import lax
-from jax.extend.core import Primitive
 
 from experiments import layout
 from jgait.estimators.waist.model import MODEL
@@ -60,18 +56,3 @@ def test_a_filter_is_a_scan_of_primitives_of_jax():
     found = list(layout.jaxprs(MODEL))
     assert len(found) == 3
     assert [layout.missing(jaxpr) for jaxpr in found] == [[], [], []]
-
-
-def test_a_loop_and_a_primitive_that_is_not_of_jax_are_found_wherever_they_are():
-    ours = Primitive("ours")
-    ours.def_abstract_eval(lambda x: x)
-
-    @jax.custom_vjp
-    def inner(x):
-        return lax.while_loop(lambda v: v < 3.0, lambda v: ours.bind(v), x)
-
-    inner.defvjp(lambda x: (inner(x), None), lambda _, ct: (ct,))
-    loop = jax.make_jaxpr(jax.jit(inner))(1.0)
-    assert layout.missing(loop) == ["a primitive ours", "no scan"]
-    scanned = jax.make_jaxpr(lambda x: lax.scan(lambda c, v: (inner(c + v), c), x, jnp.ones(3)))(1.0)
-    assert layout.missing(scanned) == ["a primitive ours"]

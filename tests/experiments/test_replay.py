@@ -6,8 +6,7 @@ import pytest
 from experiments.common import replay
 from experiments.common.replay import JointCentres, LegCentres
 from jgait.geometry.vectors import GRAVITY
-from jgait.io.formats.c3d import Capture
-from jgait.types import SIDES, RecordingError
+from jgait.types import SIDES
 
 THIGH, SHANK = 0.42, 0.40
 W = 2.0 * np.pi * 0.9  # strides per second
@@ -154,26 +153,6 @@ def test_a_short_gap_is_bridged_and_a_long_one_masked(walked):
         away[250:410] = away[:60] = away[-90:] = False
         np.testing.assert_allclose(imu.gyr[away], walked[0].sensors[placement].gyr[away], atol=0.02)
         np.testing.assert_allclose(imu.acc[away], walked[0].sensors[placement].acc[away], atol=0.5)
-
-
-# --- what cannot be used is refused ---
-
-
-def test_joint_centres_are_markers_or_their_means():
-    at, apart = places(TIME), np.array([0.0, 0.05, 0.0])
-    markers = {"RHJC": at["hip_right"], "KNEE_OUT": at["knee_right"] - apart, "KNEE_IN": at["knee_right"] + apart}
-    markers |= {"RANK": at["ankle_right"] - apart, "RMED": at["ankle_right"] + apart}
-    capture = Capture(TIME, 100.0, markers, "+z", {}, TIME, 0.0, {}, {}, (), {}, "walk", "ann", ())
-    with pytest.raises(RecordingError, match="has no leg: expected markers RHJC or RFEP, .*it has RHJC, KNEE_OUT"):
-        replay.joint_centres(capture)
-    found = replay.joint_centres(capture, {"knee_right": ("KNEE_OUT", "KNEE_IN")})
-    for joint in ("hip", "knee", "ankle"):
-        np.testing.assert_allclose(getattr(found.right, joint), at[f"{joint}_right"], atol=1e-12)
-    assert found.left is None and found.right.heel is None and found.pelvis is None
-    with pytest.raises(RecordingError, match=r"has no marker nobody .named for hip_right."):
-        replay.joint_centres(capture, {"hip_right": "nobody"})
-    with pytest.raises(RecordingError, match="which axis points up is not known"):
-        replay.joint_centres(capture._replace(up=None))
 
 
 # --- a real walk ---

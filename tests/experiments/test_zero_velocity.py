@@ -1,11 +1,10 @@
-"""Zero-velocity detectors: worked numbers, laws, a simulated walk with exact truth, and shoes under motion capture."""
+"""Zero-velocity detectors: published sums, a simulated walk with exact truth, and shoes under motion capture."""
 
 import jax
 import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.signal import savgol_filter
-from scipy.spatial.transform import Rotation
 
 from experiments.foot_ins import zero_velocity as zv
 from jgait import simulate
@@ -61,9 +60,6 @@ def by_loop(detector, gyr, acc, mask):
     return np.array(values)
 
 
-# --- numbers ---
-
-
 @EVERY
 def test_equals_the_published_sums_with_missing_samples_deleted(signals, detector):
     gyr, acc, mask = signals
@@ -71,39 +67,6 @@ def test_equals_the_published_sums_with_missing_samples_deleted(signals, detecto
         expected = by_loop(detector, gyr, acc, flags)
         assert np.isinf(expected).sum() == unseen
         np.testing.assert_allclose(statistic(detector, gyr, acc, flags), expected, rtol=1e-12, atol=1e-7)
-
-
-# --- laws ---
-
-
-@EVERY
-def test_the_mounting_does_not_matter(signals, detector):
-    gyr, acc, mask = signals
-    for turn in Rotation.from_rotvec([[0.0, np.pi, 0.0], [1.0, -2.0, 0.5], [0.0, 0.0, np.pi / 2]]):
-        found = statistic(detector, turn.apply(gyr), turn.apply(acc), mask)
-        np.testing.assert_allclose(found, statistic(detector, gyr, acc, mask), rtol=1e-12, atol=1e-7)
-
-
-@EVERY
-def test_standing_is_still_wherever_the_sensor_points_and_swinging_is_not(detector):
-    up = GRAVITY * np.array([0.36, -0.48, 0.8])
-    assert zv.zero_velocity(np.zeros((T, 3)), np.tile(up, (T, 1)), RATE, ALL, detector).all()
-    phase = np.arange(T)[:, None] * np.array([0.5, 0.4, 0.3])
-    swing = zv.zero_velocity(5.0 * np.cos(phase), up + 10.0 * np.sin(phase), RATE, ALL, detector)
-    assert not swing.any()
-
-
-@EVERY
-def test_masked_samples_are_inert_and_nothing_is_still_where_nothing_was_measured(signals, detector):
-    gyr, acc, mask = signals
-    wild = np.where(mask[:, None], gyr, 1e30), np.where(mask[:, None], acc, -1e30)
-    flags = [zv.zero_velocity(*pair, RATE, mask, detector) for pair in ((gyr, acc), wild)]
-    np.testing.assert_array_equal(*flags)
-    np.testing.assert_array_equal(statistic(detector, *wild, mask), statistic(detector, gyr, acc, mask))
-    still = np.zeros((T, 3)), np.tile([0.0, 0.0, GRAVITY], (T, 1))
-    mask = np.arange(T) < 20
-    np.testing.assert_array_equal(zv.zero_velocity(*still, RATE, mask, detector), np.arange(T) < 25)
-    assert not zv.zero_velocity(*still, RATE, ~ALL, detector).any()
 
 
 # --- a simulated walk ---

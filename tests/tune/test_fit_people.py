@@ -1,6 +1,5 @@
 """Fits with what labs have: several people, several starts, a validation part, priors, bad recordings, power cuts."""
 
-import subprocess
 import sys
 from typing import Any, NamedTuple
 
@@ -15,7 +14,6 @@ from experiments.tuning import killed
 from jgait import evaluate, io, params, tune
 from jgait.estimators import leg_ekf
 from jgait.params import fixed, interval, normal, per_subject, positive, real
-from jgait.tune.checkpoint import described
 from jgait.types import RecordingError
 
 OWN_MEANS = [READINGS[[i for i, one in enumerate(PEOPLE) if one == name]].mean() for name in ("ann", "bob", "cy")]
@@ -216,27 +214,6 @@ def test_a_checkpoint_of_another_fit_and_another_file_are_refused(tmp_path):
     file.write_text("a shopping list")
     with pytest.raises(ValueError, match="is no checkpoint of a fit"):
         _fit(file)
-
-
-def test_descriptions_are_equal_in_another_process_and_tell_values_and_functions_apart(capsys, monkeypatch, tmp_path):
-    code = "from jgait.estimators import leg_ekf\nfrom jgait.tune.checkpoint import described\nimport jax, numpy\n"
-    code += "print(described((leg_ekf.estimator(), jax.random.key(1), {'a': numpy.arange(3)}, lambda x: x, object())))"
-    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    exec(code, {"__name__": "__main__"})
-    assert capsys.readouterr().out == other and " at 0x" not in other
-    default, paper = leg_ekf.estimator(), leg_ekf.estimator(leg_ekf.PAPER)
-    assert described(default.prepare) != described(paper.prepare) and "rate_hz=50.0" in described(paper.prepare)
-    assert described(np.arange(3.0)) != described(np.arange(1.0, 4.0))
-    assert described(Spot(np.float64(0.1))) == described(Spot(jnp.asarray(0.1))) == "Spot(x=0.1)"
-    assert described(optax.adam(0.1)) == described(optax.adam(0.1)) != described(optax.adam(0.2))
-    monkeypatch.syspath_prepend(str(tmp_path))
-    texts = []
-    for power in (2, 3):
-        (tmp_path / f"edited_{power}.py").write_text(f"def loss(x):\n    return x**{power}\n")
-        function = __import__(f"edited_{power}").loss
-        function.__module__ = "edited"
-        texts.append(described(function))
-    assert texts[0] != texts[1] and all(text.startswith("edited.loss ") for text in texts)
 
 
 @pytest.mark.usefixtures("unchecked")
