@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any
 
 # Read when JAX first compiles, here and in the processes that tests start. Compiling takes most of a run: with LLVM's
-# cheap optimisations alone it needs about half the time, and filters run as fast; without any they run ten times longer.
+# cheap optimisations alone it needs about half the time; without any, filters run ten times longer.
 # Without the library for small sums (`jgait.geometry.arrays`), compiling needs a third less again; in one piece, a
 # twentieth less.
 os.environ.setdefault(

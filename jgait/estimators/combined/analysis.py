@@ -24,7 +24,6 @@ from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
 from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
 from jgait.estimators.combined.strides import JoinedStrides, joined
-from jgait.estimators.leg_ekf.notes import ONE_LEG
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.plausible import knee_notes, knees
 from jgait.estimators.proportions import in_metres
@@ -166,7 +165,7 @@ def analyse(
     if strides is not None:
         differ += side_notes(estimates, strides)
         legs = set(np.asarray(strides.strides.side).tolist())
-        if len(legs) == 1 and ONE_LEG.code not in {note.code for note in stated}:
+        if len(legs) == 1 and len({name.rpartition("_")[2] for name in worn}) != 1:  # else `leg_ekf` says it
             differ += [ONE_LEG_SEEN(side=SIDES[side]) for side in legs]
     elif any(source.estimate.strides is not None for source in estimates):
         differ = [NO_STEPS.note("no walking was found: no sensor measured a stride"), *differ]
