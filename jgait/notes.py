@@ -10,7 +10,7 @@ import json
 import math
 import textwrap
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple, cast
 
 Severity = Literal["stop", "check", "corrected", "info"]
@@ -188,6 +188,12 @@ def without_repeats(notes: Iterable[Note]) -> tuple[Note, ...]:
         note for note in once if not note.kind.counts
         or not (note.meaning in everywhere or (note.meaning, note.values["placement"]) in explained)
     )  # fmt: skip
+
+
+def as_doubts(notes: Iterable[Note], kind: Kind, of: str = "") -> list[Note]:
+    """The notes; those of a kind are doubts where something else is known instead, and name what they are `of`."""
+    milder = kind._replace(severity="check", text=f"{of}: {kind.text}" if of else kind.text)
+    return [replace(note, kind=milder) if note.kind == kind else note for note in notes]
 
 
 def gravest_first(notes: Iterable[Note]) -> tuple[Note, ...]:

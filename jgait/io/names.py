@@ -258,8 +258,8 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
     signals = {kind: [column for column in given if states(column, kind)] for kind in ("gyr", "acc")}
     if signals["acc"] and not signals["gyr"]:
         rates = [column for column in given if RATE_UNIT.search(column) or "omega" in column.lower()]
-        found = f"if {rates[0]!r} is its rate, call it <placement>_gyr_x" if rates else f"found {_few(signals['acc'])}"
-        return RecordingError(f"{name} holds no gyroscope, which every method needs; {found}")
+        hint = f"if {rates[0]!r} is its rate, call it <placement>_gyr_x" if rates else f"found {_few(signals['acc'])}"
+        return RecordingError(f"{name} holds no gyroscope, which every method needs; {hint}")
     if not lacking and any(column_of(column) in CHANNELS and not _unclear(column, given) for column in given):
         return RecordingError(
             f"{name} lacks the place of its sensor: found {_few(given)}; for one sensor with bare names give its "

@@ -196,8 +196,8 @@ def _shared(
         return lane((free, weights), slice(number - 1, None, of))
 
     def on_file(number: int, of: int) -> tuple[Carry, Trace]:
-        one = None if file is None else file.with_name(f"{file.stem}-{number}-of-{of}{file.suffix}")
-        return run(*piece(number, of), report=report, file=one)
+        checkpoint = None if file is None else file.with_name(f"{file.stem}-{number}-of-{of}{file.suffix}")
+        return run(*piece(number, of), report=report, file=checkpoint)
 
     if part is not None:
         if part[0] <= lanes:

@@ -161,9 +161,9 @@ def _decide(
         *map(butterworth.step, low_passes, state.low_passed, (x, rates, rates[1])), strict=True
     )
     time = index.astype(x.dtype) / worn.rate_hz
-    swings, found = shank_events.swing_step(shank_events.LOBES, state.swings, rate, time)
+    swings, swing = shank_events.swing_step(shank_events.LOBES, state.swings, rate, time)
     leaves = (swings.phase == shank_events.TOE_OFF) | (swings.phase == shank_events.SWING)
-    phase = shank_stance.Phase(found.stride, leaves)
+    phase = shank_stance.Phase(swing.stride, leaves)
     valley, lasted = shank_stance.step(state.valley, index, slowly[1], phase, hold, landing)
     stood = jnp.where(lasted, valley.at, state.stood)
     turns_slowly = jnp.sum(slowly * slowly) < STANDING**2
@@ -172,10 +172,10 @@ def _decide(
     jumps = jnp.concatenate([state.jumps[1:], jnp.sqrt(jnp.sum(change * change, axis=1))[None]])
     late = butterworth.delay(shank_events.LOBES.cutoff_hz, worn.rate_hz)
     swung = OnlineSwing(
-        leaves=jnp.where(found.stride & ~state.swung.any, found.start - late, state.swung.leaves),
-        lands=jnp.where(found.stride, found.end - late, state.swung.lands),
-        known=jnp.where(found.stride, index, state.swung.known),
-        any=state.swung.any | found.stride,
+        leaves=jnp.where(swing.stride & ~state.swung.any, swing.start - late, state.swung.leaves),
+        lands=jnp.where(swing.stride, swing.end - late, state.swung.lands),
+        known=jnp.where(swing.stride, index, state.swung.known),
+        any=state.swung.any | swing.stride,
     )
     # the filter's sample, the oldest stored one, and the sample of the stance rates that was measured at its time
     rows = state.history.shape[0]

@@ -125,9 +125,9 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
         "swings": (shank_events.swings, SMALL), "machine": (shank_events.phases, shank_events.MACHINE),
         "paper": (shank_events.phases, shank_events.PAPER),
     }[detector]  # fmt: skip
-    found = compiled(detect)(_padded(rate), sampling_rate_hz=rate_hz, d=settings)
-    there = np.flatnonzero(np.asarray(found.stride)[:count])
-    start, end, peak, angle = (np.asarray(v)[there] for v in (found.start, found.end, found.peak, found.angle))
+    swings = compiled(detect)(_padded(rate), sampling_rate_hz=rate_hz, d=settings)
+    there = np.flatnonzero(np.asarray(swings.stride)[:count])
+    start, end, peak, angle = (np.asarray(v)[there] for v in (swings.start, swings.end, swings.peak, swings.angle))
     large = (peak > shank_events.LOBES.threshold) & (angle > shank_events.LOBES.least_angle)
     large |= detector != "swings"
     start, end = (np.clip(times[large] * rate_hz, 0.0, count - 1.0) for times in (start, end))

@@ -3,7 +3,6 @@
 import importlib
 import os
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -30,7 +29,7 @@ from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
 from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
 from jgait.estimators.walking import inside, walking_alone
-from jgait.notes import Kind, Note, gravest_first, without_repeats
+from jgait.notes import Kind, Note, as_doubts, gravest_first, without_repeats
 from jgait.quality import DOUBTED_SHARE, UNCERTAIN, above, length_share, merged, opposite, with_share
 from jgait.quality import notes as writer
 from jgait.quality.model import STANCES_RARE
@@ -192,15 +191,12 @@ def analyse(
 
 def _stated(source: SourceEstimate, strides: JoinedStrides | None, total: WalkedDistance | None) -> list[Note]:
     """The notes of a source; one that forbids its strides or its distance is a doubt where other sources give them."""
-    notes = []
-    for note in source.estimate.diagnostics["notes"]:
-        spared = False
-        if note.kind == STANCES_RARE and strides is not None and len(strides.rows) > 1:
-            spared = bool(np.mean(as_float(strides.stddev.length) > UNCERTAIN) <= DOUBTED_SHARE)
-        elif note.kind == DISTANCE_DOUBTFUL and total is not None:
-            spared = source.name not in total.source.split("+")
-            note = note.kind.note(f"{source.name}: {note.kind.text}", **note.values) if spared else note
-        notes.append(replace(note, kind=note.kind._replace(severity="check")) if spared else note)
+    notes = list(source.estimate.diagnostics["notes"])
+    uncertain = None if strides is None or len(strides.rows) < 2 else as_float(strides.stddev.length) > UNCERTAIN
+    if uncertain is not None and np.mean(uncertain) <= DOUBTED_SHARE:
+        notes = as_doubts(notes, STANCES_RARE)
+    if total is not None and source.name not in total.source.split("+"):
+        notes = as_doubts(notes, DISTANCE_DOUBTFUL, source.name)
     return notes
 
 

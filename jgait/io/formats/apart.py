@@ -169,8 +169,8 @@ def measured(path: Path) -> Measured:
             raise RecordingError(f"{path.name} holds no gyroscope; {where}")
     if not devices:
         raise RecordingError(f"{path.name} holds no gyroscope, which every method needs; expected {EXPECTED}")
-    found = [ADDRESS.search(files[0].name) for files in devices]
-    addresses, places = [match and match.group() for match in found], [_place(files[0]) for files in devices]
+    matches = [ADDRESS.search(files[0].name) for files in devices]
+    addresses, places = [match and match.group() for match in matches], [_place(files[0]) for files in devices]
     if None in places or len(set(places)) < len(devices):
         places = [None] * len(devices)
     labels = places if None in addresses or len(set(addresses)) < len(devices) else addresses

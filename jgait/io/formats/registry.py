@@ -71,8 +71,8 @@ OTHERS = {
 
 def _module(name: str) -> "tuple[Callable[[Path, bytes], bool], Callable[[Path], Measured]]":
     module = importlib.import_module(f"jgait.io.formats.{FORMATS[name].module}")
-    one = getattr(module, "FORMATS", {}).get(name, module)
-    return one.recognises, one.measured
+    described = getattr(module, "FORMATS", {}).get(name, module)
+    return described.recognises, described.measured
 
 
 def format_of(path: str | os.PathLike[str]) -> str | None:
