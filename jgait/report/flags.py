@@ -42,15 +42,23 @@ def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:
 
 
 def marked(totals: Iterable[Total], flags: Iterable[Flag]) -> list[Total]:
-    """The numbers, with "not usable" behind those that a flag stops; counts of strides and time walked stay."""
-    stops = {flag.measure for flag in flags if flag.grade == "stop"}
+    """The numbers, with "not usable" behind those that a flag stops; counts of strides and time walked stay, and angles
+    of a side that is in order where those of the other are marked already.
+    """
+    totals, stops = list(totals), {flag.measure for flag in flags if flag.grade == "stop"}
+    if any(_of_joint(total) and total.text.endswith(NOT_USABLE) for total in totals):
+        stops.discard("joint angles")
 
     def stopped(total: Total) -> bool:
-        measure = "joint angles" if total.words.startswith(("hip ", "knee ")) else total.words
+        measure = "joint angles" if _of_joint(total) else total.words
         known = total.text != "–" and not total.text.endswith(NOT_USABLE)
         return known and measure not in ("strides", "walking") and bool(stops & {"", measure})
 
     return [total._replace(text=total.text + NOT_USABLE * stopped(total)) for total in totals]
+
+
+def _of_joint(total: Total) -> bool:
+    return total.words.startswith(("hip ", "knee "))
 
 
 def explained(notes: Iterable[Note]) -> list[Flag]:
