@@ -84,8 +84,9 @@ def stacked(vector: Any) -> np.ndarray:
     return np.stack([np.asarray(part) for part in vector], axis=1)
 
 
-def followed(imu: Any, frame: Any, point: Any, rate: float) -> tuple[Path, np.ndarray, np.ndarray]:
-    """The path of a sensor from its readings; true places (T, 3) and axes (T, 3, 3) of the point."""
+def followed(imu: Any, frame: Any, point: Any, rate: float, every: int = 1) -> tuple[Path, np.ndarray, np.ndarray]:
+    """The path of a sensor from its readings, or some of them; true places (T, 3) and axes (T, 3, 3) of the point."""
     place, axes = stacked(in_world(frame, point)), np.stack([stacked(axis) for axis in frame[1:]], axis=2)
-    gyr, acc, *start = map(jnp.asarray, (imu.gyr, imu.acc, axes[0], place[0]))
-    return _integrated(gyr, acc, 1.0 / rate, *start), place, axes
+    place, axes = place[::every], axes[::every]
+    gyr, acc, *start = map(jnp.asarray, (imu.gyr[::every], imu.acc[::every], axes[0], place[0]))
+    return _integrated(gyr, acc, every / rate, *start), place, axes
