@@ -191,7 +191,7 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> S
     each sample (T,) have times from the first sample on, without the filter's delay.
 
     Raises:
-        ValueError: if the rate of the samples is not supported, or there is none.
+        ValueError: if the rate of the samples is not supported, or there are fewer than two.
     """
     values, time = _rates(rate, sampling_rate_hz)
     cascade = butterworth.section(d.cutoff_hz, sampling_rate_hz)
@@ -210,7 +210,7 @@ def phases(rate: ArrayLike, sampling_rate_hz: float, d: Detector = MACHINE) -> S
 
 def swings(rate: ArrayLike, sampling_rate_hz: float, d: Detector = LOBES) -> ShankEvents:
     """The detector of swings over a recording (T,), on the rate filtered both ways: offline. Arguments and errors as of
-    `phases`.
+    `phases`, but of at least 10 samples.
     """
     values, time = _rates(rate, sampling_rate_hz)
     values = jnp.asarray(butterworth.low_pass_both_ways(values, d.cutoff_hz, sampling_rate_hz))

@@ -147,7 +147,7 @@ class Results:
     @cached_property
     def bouts(self) -> "pd.DataFrame":
         """One row for each walking bout, with what the distance gains from a second before to a second after it; the
-        bout begins and ends where the distance begins and ends to grow there.
+        bout begins where the distance begins to grow there, and ends where it stops growing.
         """
         import pandas as pd
 
@@ -267,8 +267,8 @@ def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":
     `special` flags in words, and `regular`, True if the stride counts in medians of all columns: not in a turn, on
     stairs, from or to standing, clipped, uneven, or in doubt. A clipped or doubtful stride counts in those of times. A
     regular stride can have other flags, such as "sources contradict".
-    `summary`: mean, variability and asymmetry of each measure over the steady strides, and the distance, see
-    `io.summary.summary`.
+    `summary`: median of each measure over the regular strides, mean, variability and asymmetry over the steady ones,
+    and the distance, see `io.summary.summary`.
     `contacts`: `time_s side event source`, initial and final contacts; side "unknown" where it is not certain.
     `bouts`: `wb_id start_s end_s duration_s n_strides n_regular distance_m distance_std_m stride_length_m
     walking_speed_mps cadence_spm`; a bout ends with a break of more than 3 s; lengths and speeds are medians

@@ -1,4 +1,4 @@
-"""Mean, variability and asymmetry of the strides of a recording: the table that studies compare people by."""
+"""Median, mean, variability and asymmetry of the strides of a recording: the table that studies compare people by."""
 
 from typing import TYPE_CHECKING
 

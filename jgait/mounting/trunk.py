@@ -102,7 +102,7 @@ def moved_between(acc: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -
 
 def where_one_went(axes: TrunkAxes, level: np.ndarray, still: np.ndarray, sampling_rate_hz: float) -> TrunkAxes:
     """The axes, with the forward axis along the person's displacement between two rests, by integrated accelerations,
-    unless no displacement exceeds 1 m. `level` (T, 2) is forward and leftward in these axes, without gravity [m/s²];
+    unless no displacement exceeds 1 m. `level` (T, 2) is the acceleration forward and to the left [m/s²];
     `still` (T,) is True where the person stands.
     """
     stops = np.flatnonzero(~still[:-1] & still[1:])

@@ -170,8 +170,9 @@ def widened(estimate: Estimate, share: np.ndarray | float) -> Estimate:
         return estimate
     strides, deviations, diagnostics = estimate.strides, estimate.strides_stddev, dict(estimate.diagnostics)
     if "distance_stddev" in diagnostics:
-        more = share * np.abs(as_float(estimate.distance)) if np.ndim(share) == 0 else 0.0
-        if np.ndim(share):
+        if np.ndim(share) == 0:
+            more = share * np.abs(as_float(estimate.distance))
+        else:
             lengths = _lengths(strides)
             errors = np.cumsum(share * lengths) / max(float(lengths.sum()), 1e-9)
             so_far = np.interp(as_float(estimate.time), as_float(strides.end), errors, left=0.0)

@@ -17,7 +17,7 @@ NOT_ESTIMATED = Kind(
 
 ONE_LEG = Kind(
     "one_leg", "check",
-    "leg_ekf measures the {side} leg only: distances come out some 10 % short, but where the scale of distances was "
+    "leg_ekf measures the {side} leg only: distances come out some 10 % short, unless the scale of distances was "
     "learned from one leg",
     "All numbers of strides are of this leg. The steps of the other leg are not measured; the distance is less certain "
     "for it.",

@@ -153,8 +153,8 @@ def notes_of(
 
 
 def _calm(acc: np.ndarray, edge: tuple[int, int], begins: np.ndarray) -> bool:
-    """Whether the acceleration (T, 2) varies less from the first to the second sample of `edge` than in every stretch
-    of this length that begins with a step, or ends with one.
+    """Whether the acceleration (T, 2) varies less in `edge`, first sample and sample after the last, than in every
+    stretch as long that begins, or ends, with a step; `begins` are the first samples of these stretches.
     """
     size = edge[1] - edge[0]
     of_steps = [acc[row : row + size].var(axis=0).sum() for row in begins if 0 <= row <= len(acc) - size]

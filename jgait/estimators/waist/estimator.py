@@ -206,7 +206,8 @@ def _slow(result: Estimate, inputs: WaistInputs) -> tuple[np.ndarray, list[Note]
     length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
     kept = np.asarray(strides.valid, bool)
     beside = np.convolve(inputs.stands, np.ones(2 * EDGE_STEPS + 1), mode="same") > 0.0
-    rows = np.abs(np.subtract.outer(as_float(strides.end), as_float(inputs.contact))).argmin(axis=1)
+    contact = as_float(inputs.contact)  # in order; the nearest of each stride's end
+    rows = np.searchsorted(0.5 * (contact[1:] + contact[:-1]), as_float(strides.end))
     noted = slow = kept & (speed < SLOW) & (np.abs(turn) <= LARGEST_TURN) & ~(beside[rows] & beside[rows - 1])
     whole = kept & ~np.asarray(result.diagnostics["half"], bool)
     whole = whole if whole.any() else kept
@@ -233,7 +234,7 @@ def _doubts(
     if not kept.any():
         return SensorQuality(), [], {}
     way, spread = float(result.distance[-1]), float(result.diagnostics["distance_stddev"][-1])
-    if useless := not spread <= 0.25 * abs(way) or way <= 0.0:
+    if useless := not spread <= 0.25 * way:
         notes.append(DISTANCE_DOUBTFUL(distance_m=way, within_m=2.0 * spread))
     outside = np.zeros(len(kept), bool)
     if made.options.distance == "fused":

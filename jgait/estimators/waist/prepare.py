@@ -124,9 +124,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
         contacts = contacts._replace(certainty=np.zeros_like(contacts.certainty))
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
     nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate, np.asarray(motion.forward)), time)
-    quality, more = waist_bouts.notes_of(
-        nodes, len(contacts.time), name, time, np.stack(motion[:3:2], axis=1)[: len(time)]
-    )
+    moves = np.stack([motion.forward, motion.upward], axis=1)[: len(time)]
+    quality, more = waist_bouts.notes_of(nodes, len(contacts.time), name, time, moves)
     notes += more
     if left_out := waist_bouts.leave_out(nodes, ~mask, time):
         notes.append(STRIDES_MISSING(strides=left_out, placement=name, seconds=LONGEST_LOSS))

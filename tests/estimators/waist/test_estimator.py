@@ -68,8 +68,7 @@ def test_a_straight_walk(straight):
     np.testing.assert_allclose(strides.step_length[4:12], 0.66, rtol=0.04)
     np.testing.assert_allclose(strides.turn, 0.0, atol=0.02)
     np.testing.assert_array_equal(np.diff(strides.side) != 0, True)
-    # the trunk sways back before it stands
-    assert np.all(estimate.distance > np.maximum.accumulate(estimate.distance) - 0.1)
+    assert np.min(np.diff(estimate.distance)) > -1e-9  # nobody walks backwards
     # the shake after the walk, which counts as a contact, has no known side
     assert not any(estimate.diagnostics[name][:-1].any() for name in FLAGS)
     stated = estimate.strides_stddev.length  # setting off and stopping tell less
