@@ -305,10 +305,10 @@ def missing(jaxpr: ClosedJaxpr) -> list[str]:
 
 
 def entered(call: Callable[[], Any], inner: CodeType | None, home: Path) -> tuple[int, int, int]:
-    """Files of a folder in which a function starts during a call, the most frames of them at the start of `inner`, and
-    such functions.
+    """Numbers of the files and of the functions of a folder that a call enters, and between them the most frames of
+    these functions at a start of `inner`.
 
-    The frame of `inner` counts too; bodies of modules do not count.
+    The frame of `inner` counts too; bodies of modules, lambdas and comprehensions do not count.
     """
     watch, functions, deepest, inside = sys.monitoring, set(), 0, f"{home}/"
 
@@ -339,7 +339,7 @@ def entered(call: Callable[[], Any], inner: CodeType | None, home: Path) -> tupl
 
 
 def one_shoe() -> tuple[int, int, int]:
-    """Files entered by `foot_ins.estimate`, and frames to its `transition`; in a process that did not call it yet."""
+    """`entered` of `foot_ins.estimate` and its `transition`; in a process that did not call it yet."""
     from made.foot import foot
 
     from jgait.estimators import foot_ins

@@ -19,7 +19,6 @@ from jgait.types import SIDES, Imu, Walk, as_float
 
 FULL = 0.65  # of the recording's median: a shorter stride is a half-step
 SHIFTED = 0.15  # [m] a shorter stride is a foot that was shifted
-SHANK_LENGTH = {"young": 0.446, "elderly": 0.417}
 
 
 class Reference(NamedTuple):

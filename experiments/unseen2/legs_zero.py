@@ -19,8 +19,9 @@ from experiments.unseen2.turned import FOUR
 from jgait import simulate
 from jgait.estimators import leg_ekf
 from jgait.estimators.leg_ekf.prepare import resting_legs
+from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.cycle import walking
-from jgait.mounting.leg import WornLegs, worn_legs
+from jgait.mounting.leg import SegmentMounting, WornLegs, worn_legs
 from jgait.simulate.sensors import MPU6000
 from jgait.types import SIDES, Imu, Recording, as_float
 
@@ -114,27 +115,26 @@ def begun(case: Case, start: str) -> tuple[Recording, int, int]:
     after = moving[-1] - round(0.5 * rate)
     sensors = {}
     for side, leg in case.worn.legs.items():
-        for segment, rows in leg.rows.items():
-            imu = case.recording.sensors[leg.placements[segment]]
+        for segment, mounting in leg.segments.items():
+            imu = case.recording.sensors[mounting.placement]
             gyr, acc = as_float(imu.gyr)[first:after], as_float(imu.acc)[first:after]
             if start == "sitting":
-                on_chair = chair(segment, leg.gravity[segment], leg.gyr_bias[segment], rows, rate)
+                on_chair = chair(segment, mounting, rate)
                 gyr, acc = (np.concatenate(pair) for pair in zip(on_chair, (gyr, acc), strict=True))
             time = np.arange(len(gyr)) / rate
             sensors[f"{segment}_{side}"] = Imu(time, gyr, acc, np.ones(len(gyr), bool))
     return case.recording._replace(sensors=sensors), int(first), int(after)
 
 
-def chair(
-    segment: str, gravity: float, bias: np.ndarray, rows: np.ndarray, rate: float
-) -> tuple[np.ndarray, np.ndarray]:
+def chair(segment: str, mounting: SegmentMounting, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Angular rate and specific force (T, 3) of a sensor on a person who sits and rises."""
     rng = np.random.default_rng(0)
     share = np.linspace(0.0, 1.0, round(RISES_S * rate))
     angle = np.concatenate([np.ones(round(SITS_S * rate)), 1.0 - share**3 * (10.0 - 15.0 * share + 6.0 * share**2)])
     angle = np.deg2rad(CHAIR_DEG[segment]) * angle
-    acc = gravity * np.stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)], axis=1) @ rows
-    gyr = bias - np.outer(np.gradient(angle, 1.0 / rate), rows[1])
+    force = GRAVITY / mounting.scale * np.stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)], axis=1)
+    acc = force @ mounting.axes
+    gyr = mounting.bias @ mounting.axes - np.outer(np.gradient(angle, 1.0 / rate), mounting.axes[1])
     return gyr + 0.002 * rng.standard_normal(gyr.shape), acc + 0.03 * rng.standard_normal(acc.shape)
 
 
