@@ -158,14 +158,15 @@ class Machine:
 
     def has(self, name: str, version: str) -> None:
         """A program that says it is this Python, and can do nothing else."""
-        new = tuple(map(int, version.split("."))) >= (3, 12)
-        lines = ["#!/bin/sh", 'case "$2 $3" in', f"*print*) echo {version} ;;", f"*exit*) exit {int(not new)} ;;"]
+        new, series = tuple(map(int, version.split("."))) >= (3, 12), version.rpartition(".")[0]
+        lines = ["#!/bin/sh", 'case "$2 $3" in', f"*print*) echo {version} ;;"]
+        lines += [f"*\"!= '{series}'\"*) exit 0 ;;", "*!=*) exit 1 ;;", f"*exit*) exit {int(not new)} ;;"]
         lines += ["'venv --without-pip') ;;"]
         (self.bin / name).write_text("\n".join([*lines, "*) exit 1 ;;", "esac", ""]))
         (self.bin / name).chmod(0o755)
 
-    def set_up(self, python: str = "") -> subprocess.CompletedProcess[str]:
-        script = [shutil.which("sh"), str(self.checkout / ".ci" / "setup")]
+    def set_up(self, python: str = "", *of: str) -> subprocess.CompletedProcess[str]:
+        script = [shutil.which("sh"), str(self.checkout / ".ci" / "setup"), *of]
         environment = {"PATH": str(self.bin), "PYTHON": python}
         return subprocess.run(script, env=environment, capture_output=True, text=True, check=False)
 
@@ -205,6 +206,21 @@ def test_the_first_python_that_is_new_enough_is_taken_or_the_one_that_was_named(
     assert machine.set_up("mine").stdout == f"Making .venv with {machine.bin}/mine (3.13.0)\n"
     refused(machine.set_up("old"), "jgait needs Python >= 3.12; PYTHON=old is 3.8.2.")
     refused(machine.set_up("none"), "jgait needs Python >= 3.12; PYTHON=none is no program.")
+
+
+@pytest.mark.parametrize(("version", "fits"), [("3.11.9", False), ("3.12.4", True), ("3.13.0", False)])
+def test_a_peer_gets_the_python_of_its_series(machine, version, fits):
+    peers = machine.checkout / "experiments" / "common" / "peers"
+    peers.mkdir(parents=True)
+    (peers / "made_up.txt").write_text("# Python 3.12\nmade_up==1.0\n")
+    machine.has("python3", version)
+    done = machine.set_up("", "peer", "made_up")
+    if fits:
+        assert done.stdout == f"Making .venv-made_up with {machine.bin}/python3 ({version})\n"
+    else:
+        refused(done, f"made_up needs Python 3.12; found: python3 ({version}).")
+        assert "make peers PYTHON=" in done.stderr
+        assert not (machine.checkout / ".venv-made_up").exists()
 
 
 def test_a_python_with_neither_ensurepip_nor_pip(machine):

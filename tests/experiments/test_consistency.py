@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from experiments.common import consistency
 
@@ -61,3 +62,15 @@ def test_a_filter_whose_noise_is_four_times_wrong_is_found_out(scale):
     assert np.mean([one.mean for one in results]) == pytest.approx(1.0 / scale, rel=0.15)
     nees = consistency.nees_consistency(error, covariance=np.broadcast_to(P, (50, 2, 2)))
     assert not nees.consistent and (nees.mean > nees.high) == (scale < 1.0)
+
+
+def test_whiteness_without_gaps_is_the_textbook_s():
+    values = np.random.default_rng(0).normal(size=60)
+    result = consistency.whiteness(values)
+    r = np.array([values[k:] @ values[:-k] / (values @ values) for k in range(1, 21)])
+    n, k = 60, np.arange(1, 21)
+    assert result.statistic == pytest.approx(n * (n + 2) * np.sum(r**2 / (n - k)))
+    assert result.p_value == pytest.approx(stats.chi2.sf(result.statistic, 20))
+    np.testing.assert_allclose(result.autocorrelation[:, 0], r * n / (n - k))
+    np.testing.assert_allclose(result.band[:, 0], stats.norm.ppf(0.975) / np.sqrt(n - k))
+    assert result.share_inside == np.mean(np.abs(result.autocorrelation) <= result.band)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from made.gaps import COUNT, RATE_HZ, schedule, walk
 
 from experiments.udaya2010 import legs
 from experiments.udaya2010 import table2 as table
+from experiments.udaya2010.ridge import RIDGE, ridge
 from jgait.duty_cycle.fillers.registry import fillers
 
 
@@ -52,3 +54,20 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data):
     told = table.relative_errors(fillers()["neighbours"], cases, least_strides=1.0, thigh=False)
     # Measured .05 and .08; the paper has .267 and .302.
     assert told[0] < 0.10 and told[1] < 0.17
+
+
+def test_ridge_is_the_batch_solution_of_what_was_measured():
+    rate, acc = walk(seed=6)
+    on = schedule()
+    found = ridge(rate, on, acc, RATE_HZ, RIDGE._replace(forget=0.99))
+    lags = np.arange(0, 21, 2)
+    rows = np.clip(np.arange(COUNT)[:, None] - lags, 0, None)
+    x = np.column_stack([(acc / RIDGE.acc_scale)[rows].reshape(COUNT, -1), np.ones(COUNT)])
+    for t in (150, 265):
+        seen = np.flatnonzero(on[:t])
+        count = 0.99 ** (len(seen) - 1 - np.arange(len(seen)))
+        gram = (x[seen] * count[:, None]).T @ x[seen] + RIDGE.penalty * 0.99 ** len(seen) * np.eye(x.shape[1])
+        weights = np.linalg.solve(gram, (x[seen] * count[:, None]).T @ rate[seen])
+        np.testing.assert_allclose(found.rate[t], x[t] @ weights, rtol=1e-7)
+    later = ridge(rate, on, acc, RATE_HZ, latency_s=0.1)  # knows more, and says so
+    assert int(later.latency) == 5 and not np.allclose(found.rate, later.rate)

@@ -12,7 +12,7 @@ pytestmark = pytest.mark.release
 
 @pytest.fixture(scope="module")
 def parts(load_experiment):
-    names = ("walks", "contacts", "distances", "ofdri")
+    names = ("walks", "contacts", "distances", "tables", "ofdri")
     return SimpleNamespace(**{name: load_experiment(f"kose2011.{name}") for name in names})
 
 
@@ -59,6 +59,24 @@ def test_the_constant_is_learned_on_others(parts, monkeypatch):
     ofi = parts.distances.held_out(parts.distances.WAYS[-1], items, same_set=True)
     np.testing.assert_allclose(parts.distances.errors(ofi, items)["mobgap_lab"], -10.0)
     assert parts.distances.within(ofi, items)[""].tolist() == [True] * 4
+
+
+def test_what_the_papers_way_makes_of_a_known_walk(parts):
+    """Speed 1 m/s reached at once, 0.2 m/s more half way: kept by ε of 0.1, taken for drift by that of 0.3."""
+    dt, samples = 0.01, 2001
+    acc = np.zeros(samples)
+    acc[50:150] = 1.0
+    acc[1050:1070] = 1.0
+    rights = 0.25 + np.arange(20)
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * dt * (acc[1:] + acc[:-1]))])
+    way = float(np.sum(0.5 * dt * (speed[1:] + speed[:-1])))
+    walk = made(parts, rights, sides=np.zeros(20, int), total=way)
+    one = parts.tables.Simulated(walk, acc, dt)
+    assert abs(parts.tables.true_error(one, "update", 0.1)) < 1e-9
+    lost = parts.tables.true_error(one, "update", 0.3)
+    # 0.2 m/s are missing from the rise on, up to where the last cycle ends and integration goes on
+    assert lost == pytest.approx(-100.0 * 0.2 * 9.5 / way, rel=0.05)
+    np.testing.assert_allclose(parts.tables.speed_changes(one).max(), 0.2, rtol=1e-6)
 
 
 def test_gradient(parts):

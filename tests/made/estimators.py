@@ -180,9 +180,9 @@ OTHER_OPTIONS: dict[str, Callable[[], Case]] = {
 # --- the same walks with other values where there is no measurement ---
 
 
-def masked(imu: Imu, mask: np.ndarray, value: float = 0.0) -> Imu:
-    """The sensor without the samples where a mask is False, with some value in their place."""
-    gyr, acc = (np.where(mask[:, None], values, value) for values in (imu.gyr, imu.acc))
+def masked(imu: Imu, mask: np.ndarray) -> Imu:
+    """The sensor without the samples where a mask is False, with 0 in their place."""
+    gyr, acc = (np.where(mask[:, None], values, 0.0) for values in (imu.gyr, imu.acc))
     return imu._replace(gyr=gyr, acc=acc, mask=mask)
 
 

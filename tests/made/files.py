@@ -44,18 +44,17 @@ def mtw(path, *, packets=None, rate="100.0Hz", scale=1.0, keep=slice(None), sepa
     return put(path, [*head, separator.join(names), *rows])
 
 
-def dot(path, *, tag="Right foot", synced="Synced", start=0, free_only=False, stamps=True):
+def dot(path, *, tag="Right foot", synced="Synced", start=0, stamps=True):
     """Movella DOT's exported CSV: deg/s, m/s², µs."""
     time, gyr, acc = walk()
     fine = (start + np.round(1e6 * time)) % 2**32 if stamps else np.full(len(time), np.nan)
     head = ["sep=,", f"DeviceTag:,{tag}", "FirmwareVersion:,2.0.0", "AppVersion:,v2021.2.0", f"SyncStatus:,{synced}",
             "OutputRate:,100Hz", "FilterProfile:,General", "Measurement Mode:,Custom Mode 1",
             "StartTime: ,2021-06-01_10:11:12", "© Xsens Technologies B. V. 2005-2021", ""]  # fmt: skip
-    names = ["PacketCounter", "SampleTimeFine", "Euler_X", "Euler_Y", "Euler_Z", "FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z"]
-    columns = [1 + np.arange(len(time)), fine, *np.ones((3, len(time))), *(acc - [0, 0, G]).T]
-    if not free_only:
-        names += [*(f"Acc_{a}" for a in "XYZ"), *(f"Gyr_{a}" for a in "XYZ")]
-        columns += [*acc.T, *np.rad2deg(gyr).T]
+    axes = [f"{name}_{axis}" for name in ("Euler", "FreeAcc", "Acc", "Gyr") for axis in "XYZ"]
+    names = ["PacketCounter", "SampleTimeFine", *axes]
+    columns = [1 + np.arange(len(time)), fine, *np.ones((3, len(time))), *(acc - [0, 0, G]).T, *acc.T]
+    columns += [*np.rad2deg(gyr).T]
     return put(path, [*head, ",".join([*names, "Status"]), *lines_of(",", *columns, np.zeros(len(time)))])
 
 

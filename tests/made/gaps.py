@@ -21,7 +21,16 @@ def walk(count=COUNT, stride=float(STRIDE), seed=None):
     return rate, acc
 
 
-def schedule(count=COUNT, first=130, off=70, on=30):
-    """On for the first samples, then off and on by turns."""
+def varying(count, stride, seed, shift=0.0):
+    """A shank whose strides vary, so that neighbours err: rate [rad/s] and acceleration [m/s²]."""
+    phase = 2 * np.pi * np.arange(count) / stride
+    size = 1.0 + 0.2 * np.sin(phase / 3.7 + shift)
+    rate = size * (2.0 * np.sin(phase) + 1.5 * np.sin(2.0 * phase))
+    acc = np.stack([4.0 * size * np.sin(phase), 0.3 * rate, 9.81 + 3.0 * np.sin(2.0 * phase)], axis=1)
+    return rate, acc + 0.3 * np.random.default_rng(seed).normal(size=acc.shape)
+
+
+def schedule(count=COUNT, first=130, on=30):
+    """On for the first samples, then off for 70 and on by turns."""
     late = np.arange(count) - first
-    return (late < 0) | (late % (off + on) >= off)
+    return (late < 0) | (late % (70 + on) >= 70)

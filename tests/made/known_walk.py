@@ -18,10 +18,10 @@ def signals(place: str, samples: int = SAMPLES, rate: float = RATE) -> tuple[np.
     return gyr, acc
 
 
-def agrees(imu, place: str, samples: int = SAMPLES, rate: float = RATE, within: float = 1e-9) -> None:
+def agrees(imu, place: str, within: float = 1e-9) -> None:
     """Every sample of a sensor is what was written, in SI units, at its time."""
-    gyr, acc = signals(place, samples, rate)
+    gyr, acc = signals(place)
     assert imu.mask.all()
     np.testing.assert_allclose(imu.gyr, gyr, rtol=0.0, atol=within)
     np.testing.assert_allclose(imu.acc, acc, rtol=0.0, atol=10.0 * within)
-    np.testing.assert_allclose(imu.time, np.arange(samples) / rate, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(imu.time, np.arange(SAMPLES) / RATE, rtol=0.0, atol=1e-9)

@@ -212,6 +212,30 @@ def test_a_prior_adds_its_precision_once():
     assert away.loss == pytest.approx(sum(float(means(at._replace(gain=1.2), row)) for row in data) + 2.0)
 
 
+# --- how it is called ---
+
+
+class Sides(NamedTuple):
+    right: Any
+    left: Any
+
+
+class Leg(NamedTuple):
+    thigh_length: Any
+    noise: Any
+    level: Any
+
+
+def test_nested_parameters_are_named_as_they_are_written():
+    def loss(params, item):
+        return item * (jnp.sum(params.level**2) + params.thigh_length.right**2 + params.noise**2)
+
+    params = Leg(Sides(1.0, 2.0), 1.0, jnp.ones((2, 1)))
+    found = identifiability(loss, params, Leg(Sides(positive, fixed), real, interval(0.0, 2.0)), np.ones(2))
+    assert found.names == ("thigh_length.right", "noise", "level[0, 0]", "level[1, 0]")
+    assert found.transforms == ("positive", "real", "interval(0, 2)", "interval(0, 2)")
+
+
 @pytest.mark.parametrize(
     ("change", "error", "message"),
     [

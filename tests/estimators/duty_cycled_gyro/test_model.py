@@ -4,18 +4,47 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made.observability import observability_matrix, observability_rank
 
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro.model_params import (
     DutyControl,
     LinkParams,
+    ShinObservation,
     ShinState,
+    ThighObservation,
     ThighState,
 )
 from jgait.geometry.vectors import GRAVITY
 
 LINK = LinkParams(0.4, 0.2, 2.0, 3.0, 0.1, 1e-4, 1e-4)
 CONTROL = DutyControl(1.0, 1.0, 1.0)
+BOTH = (
+    (duty_model.THIGH, ThighState(0.2, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, 0.3, 2.0)),
+    (duty_model.SHIN, ShinState(ThighState(0.6, 0.1, 0.3, 0.05, 0.4, 2.0, 0.01, -0.3, 2.0), 0.2, 1.0)),
+)
+
+
+def seen(model, *hidden):
+    shown = ThighObservation(*(name not in hidden for name in ThighObservation._fields))
+    return ShinObservation(shown, True, True) if model is duty_model.SHIN else shown
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_every_state_is_observable_and_only_the_bias_is_lost_with_the_gyroscope(number):
+    model, moving = BOTH[number]
+    whole = len(jax.tree.leaves(moving))
+    for state in (model.initial(LINK).mean, moving):
+
+        def rank(*hidden, state=state):
+            return observability_rank(model, LINK, state, CONTROL, 0.02, seen(model, *hidden))
+
+        assert rank("swing", "rest_down", "rest_forward") == whole
+        assert rank("gyro", "rest_down", "rest_forward") == whole - 1
+        bias = np.zeros(whole)
+        bias[ThighState._fields.index("velocity_bias")] = 1.0
+        rows = observability_matrix(model, LINK, state, CONTROL, 0.02, seen(model, "gyro"))
+        np.testing.assert_allclose(rows @ bias, 0.0, atol=1e-12)
 
 
 def test_the_observation_is_that_of_a_swinging_link():
