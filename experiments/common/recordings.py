@@ -42,10 +42,13 @@ def walks(name: str, only: Sequence[str] | None = None) -> datasets.Walks:
 
 
 def attempt(what: str, call: Callable[[], Any]) -> Any:
-    """The result of a call, or None after the error was printed: one bad recording must not cost the others."""
+    """The result of a call, or None after the error was printed: one bad recording must not cost the others.
+
+    An error that a recording cannot cause, such as an attribute that is gone, is raised.
+    """
     try:
         return call()
-    except Exception as error:
+    except (ValueError, OSError, RuntimeError, LookupError, ArithmeticError) as error:
         print(f"{what} left out: {type(error).__name__}: {' '.join(str(error).split())[:200]}")
         return None
 

@@ -34,6 +34,9 @@ SHOES = {
 }  # fmt: skip
 """Recording → set, footprints, path [m], masked samples of the reference's path, time of standing at the start [s]."""
 
+FITS = {"footprints": (9.81, 0.02, 0.9, 0.15), "pyshoe_vicon": (9.80, 0.01, 0.95, 0.35)}
+"""Set → gravity and its tolerance [m/s²], least agreement of the headings [1], and how much less it is if mirrored."""
+
 
 @pytest.mark.parametrize("name", SHOES)
 def test_a_shoe_goes_as_far_as_its_footprints_and_turns_as_they_do(data, name):
@@ -46,10 +49,11 @@ def test_a_shoe_goes_as_far_as_its_footprints_and_turns_as_they_do(data, name):
         assert (~walk.reference.valid).sum() == masked
     else:
         assert foot_path(imu, 200.0).distance[-1] == pytest.approx(path, rel=0.01), "units: the sensor goes as far"
+    gravity, near, least, less = FITS[dataset]
     rest = imu.acc[imu.time < stands].mean(axis=0)
-    assert np.linalg.norm(rest) == pytest.approx(9.81, abs=0.02) and rest[2] > 8, "gravity's reaction points up"
+    assert np.linalg.norm(rest) == pytest.approx(gravity, abs=near) and rest[2] > 8, "gravity's reaction points up"
     assert walk.recording.sampling_rate_hz == pytest.approx(200, abs=0.2)
     assert np.ptp(heading(imu, stands)) > 2 * np.pi, "it turns, so that a mirrored plan would show"
     place = prints["position"][:, :2]
     above, below = (agreement(imu, stands, prints["samples"], place * way) for way in ([1, 1], [1, -1]))
-    assert above > 0.9 and above > below + 0.15
+    assert above > least and above > below + less
