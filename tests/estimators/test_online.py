@@ -14,7 +14,7 @@ from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.duty_cycled_gyro import DutyCycledOptions
 from jgait.estimators.foot_ins import FootOptions, FootParams, prepared
 from jgait.estimators.foot_ins import online as foot_online
-from jgait.estimators.foot_ins.estimator import _states
+from jgait.estimators.foot_ins.estimator import filtered
 from jgait.estimators.online import duty, legs
 from jgait.estimators.online.device import BLOCK
 from jgait.estimators.online.legs import KINEMATICS, SETTLES_S, START_VARIANCE
@@ -193,7 +193,7 @@ def test_strides_of_feet_are_those_of_the_filter(walked, feet):
         features=np.zeros((len(time), 1)), gyr_doubt=np.zeros(len(time)), acc_doubt=np.zeros(len(time)),
         gyr_jump=largest[0], acc_jump=largest[1],
     )  # fmt: skip
-    found = jax.jit(lambda p, one: _states(p, one, options=FootOptions(smooth=False)))(own, foot)
+    found = jax.jit(lambda p, one: filtered(p, one, options=FootOptions(smooth=False)))(own, foot)
     at = np.flatnonzero(foothold)
     way = np.asarray(found.mean.position)[at].T
     offline = np.hypot(way[0], way[1])

@@ -94,23 +94,22 @@ def prior_of(p: FootParams, foot: FootSignals) -> Belief:
 
 
 def filtered(
-    p: FootParams, foot: FootSignals, stands: Flags, initial: Belief, options: FootOptions,
-    keep: tuple[str, ...] = filtering.SUMMARY,
+    p: FootParams, foot: FootSignals, once: Flags | bool = True, initial: Belief | None = None, *,
+    options: FootOptions, keep: tuple[str, ...] = filtering.SUMMARY,
 ) -> filtering.Inferred:  # fmt: skip
-    """The states of one foot whose zero velocity is observed at the samples `stands`; the same offline and online."""
+    """The states of one foot; zero velocity is observed in samples that are `once`. The same offline and online.
+
+    `initial` is the belief before the first sample; None: `prior_of`, the belief at the first stance.
+    """
     zero = jnp.zeros_like(foot.gyr)
+    stands = (foot.valid if options.soft else foot.stands & foot.valid) & once
     return filtering.infer(
         foot_model.MODEL, model_params(p), FootObservation(zero, zero[:, 0]), smooth=options.smooth,
         controls=controls(p, foot, options), dt=foot.dt,
         mask=FootObservation(stands, stands if options.level is True else False),
-        method=options.method, initial=initial, keep=keep, covariance=("position", "velocity", "attitude"),
+        method=options.method, initial=prior_of(p, foot) if initial is None else initial, keep=keep,
+        covariance=("position", "velocity", "attitude"),
     )  # fmt: skip
-
-
-def _states(p: FootParams, foot: FootSignals, once: Flags | bool = True, *, options: FootOptions) -> filtering.Inferred:
-    """The states of one foot from its first stance on; zero velocity is observed in samples that are `once`."""
-    stands = (foot.valid if options.soft else foot.stands & foot.valid) & once
-    return filtered(p, foot, stands, prior_of(p, foot), options)
 
 
 def run(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT) -> Estimate:
@@ -145,7 +144,7 @@ def likelihood(p: FootParams, inputs: FootInputs, options: FootOptions = DEFAULT
         near = CONSTANT_VELOCITY_S * jnp.sum(jnp.sign(foot.dt)) / jnp.maximum(jnp.sum(foot.dt), CONSTANT_VELOCITY_S)
         less = jnp.sqrt(jnp.maximum(near, 1.0))
         q = p._replace(velocity_noise=p.velocity_noise / less, rate_noise=p.rate_noise / less)
-        return jnp.sum(_states(q, foot, first, options=options._replace(smooth=False)).filtered.student_t(4.0))
+        return jnp.sum(filtered(q, foot, first, options=options._replace(smooth=False)).filtered.student_t(4.0))
 
     return jnp.sum(jax.vmap(foot_likelihood)(stacked(*_worn(inputs).values())))
 
@@ -173,7 +172,7 @@ def _paths(p: FootParams, feet: FootSignals, time: Values, options: FootOptions)
         diagnostics = {"log_likelihood": states.log_likelihood, "nis": states.nis}
         return _FootResult(path, diagnostics, way, foot.valid & foot.known & states.filtered.valid)
 
-    return for_each(path_of, feet, compiled(_states, over=(None, 0))(p, feet, options=options))
+    return for_each(path_of, feet, compiled(filtered, over=(None, 0))(p, feet, options=options))
 
 
 def _assembled(time: Values, results: dict[int, _FootResult]) -> Estimate:

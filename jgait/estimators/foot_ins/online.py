@@ -268,10 +268,11 @@ def _landing(swing: FootSwing, time: Values) -> Values:
 def _filtered(p: FootParams, signals: LaggedSignals, stands: Flags, belief: Belief) -> filtering.Posterior:
     free = signals.rates - signals.gyr_bias[None]
     foot: PyTree = SimpleNamespace(
-        **signals._asdict(), rate=jnp.sqrt(jnp.sum(free**2, axis=1)), features=jnp.zeros_like(free[:, :1])
-    )
-    keep = ("mean", "cov", "nis", "count", "valid")
-    return filtered(p, foot, stands, belief, DEFAULT._replace(smooth=False), keep).filtered
+        **signals._asdict(), rate=jnp.sqrt(jnp.sum(free**2, axis=1)), features=jnp.zeros_like(free[:, :1]),
+        stands=stands, valid=True,
+    )  # fmt: skip
+    options, keep = DEFAULT._replace(smooth=False), ("mean", "cov", "nis", "count", "valid")
+    return filtered(p, foot, initial=belief, options=options, keep=keep).filtered
 
 
 def _heading(posterior: filtering.Posterior) -> tuple[Values, Values]:
