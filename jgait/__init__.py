@@ -31,7 +31,7 @@ __all__ = [
     "online",
 ]  # fmt: skip
 
-_MODULES = {"Analysis": "estimators.combined", "analyse": "estimators.combined", "types": "types"}
+_MODULES = {"Analysis": "estimators.combined", "analyse": "estimators.combined"}
 _MODULES |= dict.fromkeys(("News", "Online", "online"), "estimators.online")
 
 

@@ -26,7 +26,8 @@ Execution = Literal["auto", "core", "fast"]
 
 core   `jgait.filtering.scan`: every model and method, short compilation
 fast   `jgait.filtering.fast`: scalar components with the structure of the model, several times the rate of the core for
-       filters and smoothed means by KF and EKF, on models with few states and observations that are no manifold
+       filters and smoothed means by KF and EKF, on models with few states and observations, without a manifold and
+       without a `residual`
 auto   `fast` for small models that it can compute, else `core`
 """
 

@@ -40,8 +40,7 @@ class _Method:
             raise ValueError(f"UKF needs alpha > 0; got {alpha!r}")
 
 
-# The methods are frozen dataclasses, not tuples: EKF(1) and CKF(1) would be equal as tuples, and jit, which compares
-# static arguments to find a compiled function, would use the wrong one.
+# The methods are frozen dataclasses: jit needs static arguments with a hash, and a tuple could not check its fields.
 @dataclass(frozen=True)
 class KF(_Method):
     """Kalman filter: for linear models; raises for a model whose Jacobian depends on the state."""

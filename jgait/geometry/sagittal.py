@@ -9,14 +9,15 @@ PATH_SMOOTHING_S = 0.2
 walking starts, as a Butterworth filter does."""
 
 
-def low_pass_heading(heading: np.ndarray, rate_hz: float, cutoff_hz: float = 1.0) -> np.ndarray:
+def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
     """The unwrapped heading (T,) [rad] by a second-order Butterworth filter, forwards and backwards, without delay.
 
-    The pelvis also turns about the vertical in every stride, while the direction of walking stays the same.
+    Its cut-off is 1 Hz: the pelvis also turns about the vertical in every stride, while the direction of walking stays
+    the same.
     """
     from scipy.signal import butter, filtfilt
 
-    return filtfilt(*butter(2, cutoff_hz / (rate_hz / 2)), heading, axis=0)
+    return filtfilt(*butter(2, 1.0 / (rate_hz / 2)), heading, axis=0)
 
 
 def path_walked(position: np.ndarray, rate_hz: float, smoothing_s: float = PATH_SMOOTHING_S) -> np.ndarray:
