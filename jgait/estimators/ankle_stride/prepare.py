@@ -57,6 +57,9 @@ LOST_RATE, LOST_FORCE = (2.5, 0.2), (5.0, 1e-3)
 moving shanks of three data sets (experiment `damage.gaps`) 0.9 rad/s and 3.2 m/s² over 0.2 s, 1.4 and 3.3 over 0.9 s;
 and half as much again for people who walk faster."""
 
+USUAL_HZ = 35.0
+"""[Hz] Sampling rate below which strides are less certain than their filter states."""
+
 SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
 """Detector of swings that are slower and smaller than those of strides. Of 42 legs of `walking5m`, `tripod` and
 `neura_sparse` none has more than one that is not counted as a stride; in very slow stances the shank moves less."""
@@ -175,8 +178,8 @@ def _leg(
     if len(start):
         valleys = stood.end[~stood.standing[:, 1]]
         axes = shank_axes.stance_up(axes, _slow(read.acc, rate_hz), valleys if len(valleys) else stood.end)
-    if rate_hz < 35.0:  # strides are less certain than their filter states
-        notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=35.0))
+    if rate_hz < USUAL_HZ:
+        notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
     rests = still if options.standing else None
     if rests is not None:
         off = float(np.linalg.norm(read.acc[slice(*rests)].mean(axis=0))) / GRAVITY - 1.0

@@ -6,6 +6,7 @@ from jgait.estimators import foot_ins
 from jgait.estimators.checks import not_bridged, sensors_of
 from jgait.estimators.foot_ins.params import FootOptions, FootParams
 from jgait.estimators.notes import LONGEST_LOSS
+from jgait.estimators.stride_width_ekf.trajectories import SHORTEST_WAY
 from jgait.geometry.rotation import turned, yawed
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, Feet, Flags, FootTrajectory, Recording, RecordingError, Strides, as_float
@@ -78,8 +79,9 @@ def _placed(alone: Estimate, side: str, mids: np.ndarray, together: Estimate) ->
     there = np.interp(time[mids], together.time, common[:, 0]) + 1j * np.interp(time[mids], together.time, common[:, 1])
     factor = np.ones(max(len(mids) - 1, 1), complex)
     for k, (way, wanted) in enumerate(zip(np.diff(here[mids]), np.diff(there), strict=True)):
-        # a displacement below 0.15 m has no reliable direction: use the rotation of the previous stride
-        factor[k] = wanted / way if abs(way) > 0.15 and abs(wanted) > 0.15 else (factor[k - 1] if k else 1.0)
+        # where a direction is not known: the rotation of the previous stride
+        known = min(abs(way), abs(wanted)) > SHORTEST_WAY
+        factor[k] = wanted / way if known else (factor[k - 1] if k else 1.0)
     stride = np.clip(np.searchsorted(mids, np.arange(len(time)), side="right") - 1, 0, len(factor) - 1)
     placed = there[stride] + (here - here[mids][stride]) * factor[stride]
     turn = np.angle(factor)[stride]

@@ -10,6 +10,7 @@ from jgait.estimators.programs import compiled
 from jgait.estimators.stride_width_ekf.inputs import StrideRows
 from jgait.estimators.stride_width_ekf.model import WidthState, between
 from jgait.estimators.stride_width_ekf.params import WidthParams
+from jgait.estimators.stride_width_ekf.trajectories import SHORTEST_WAY
 from jgait.filtering import Covariance
 from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
@@ -54,7 +55,7 @@ def strides(p: WidthParams, rows: StrideRows, states: WidthState, cov: Covarianc
         [xp.where(left, of_left, of_right) for of_right, of_left in zip(part[:3], part[3:], strict=True)]
         for part in with_stddev(_of_strides, ends, cov.dense()[at])
     )
-    line = rows.valid & rows.passed & (length >= 0.15)  # [m] a shorter line has no reliable direction
+    line = rows.valid & rows.passed & (length >= SHORTEST_WAY)
     nothing, zero = xp.nan, xp.zeros_like(width)
     values = Strides(
         rows.side, rows.start, rows.final_contact, rows.end, xp.where(rows.valid, length, zero),

@@ -10,6 +10,9 @@ from jgait.estimators.stride_width_ekf.notes import FOOT_BRIDGED
 from jgait.notes import Note
 from jgait.types import SIDES, Feet, FootTrajectory, RecordingError
 
+SHORTEST_WAY = 0.15
+"""[m] Shortest way of a stride whose direction is known; chosen."""
+
 
 class FootTrack(NamedTuple):
     """One foot's trajectory."""
@@ -87,10 +90,10 @@ def _checked(
 def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
     """Headings of the strides between stances (n, 2) relative to the first stride, and that of the first [rad].
 
-    A stride shorter than 0.15 m gets the heading of the previous stride; before the first stride, that of the first.
+    A stride shorter than `SHORTEST_WAY` gets the heading of the stride before; those before the first get that of it.
     """
     way = np.diff(stood, axis=0)
-    long = np.hypot(*way.T) >= 0.15
+    long = np.hypot(*way.T) >= SHORTEST_WAY
     if not long.any():
         return np.zeros(max(len(way), 1)), 0.0
     which = np.maximum.accumulate(np.where(long, np.arange(len(way)), np.argmax(long)))
