@@ -45,6 +45,7 @@ from experiments.common.sets.xio_gait import UNITS_CONVERTED
 from jgait.datasets import registry
 from jgait.datasets.reading import Files, foot_imu
 from jgait.geometry.vectors import GRAVITY
+from jgait.io.formats.matlab import read_matlab
 from jgait.notes import AS_READ, DATA_LOST, LEFT_OUT, Kind, Note
 from jgait.types import SIDES, AnyArray, Estimate, Imu, Legs, Recording, RecordingError, Strides, Walk
 
@@ -104,7 +105,7 @@ def load_one(name: str) -> Walk:
     """One trial with its references."""
     participant, key = "/".join(name.split("/")[:2]), name.split("/")[2:]
     files = Files("mobgap_lab", UNITS_CONVERTED(), COUNTED_FROM_ONE())
-    notes, tree = files.notes, _read(files.need(f"{ROOT}/{participant}/data.mat"))
+    notes, tree = files.notes, read_matlab(files.need(f"{ROOT}/{participant}/data.mat"), ("data",), simplify_cells=True)
     if len(key) not in (2, 3):
         raise RecordingError(f"{participant}/data.mat holds no trial")
     measure, test, trial = key if len(key) == 3 else (USUAL, *key)
@@ -137,21 +138,12 @@ def _trials(participant: str) -> list[str]:
         keys = [tuple(map(str, entry["key"])) for entry in json.loads(path.read_text())["data"]]
     except (registry.DatasetUnavailable, ValueError, KeyError, TypeError):
         try:
-            measures = _descend(_read(registry.file("mobgap_lab", f"{ROOT}/{participant}/data.mat")[0]), "", "data")
+            path, _ = registry.file("mobgap_lab", f"{ROOT}/{participant}/data.mat")
+            measures = read_matlab(path, ("data",), simplify_cells=True)["data"]
             keys = [(measure, test, trial) for measure, of in measures.items() for test in of for trial in of[test]]
         except (ImportError, ValueError, TypeError, AttributeError):  # the error is reported when the trial is loaded
             return []
     return ["/".join(key[1:] if key[0] == USUAL else key) for key in keys]
-
-
-def _read(path: Path) -> dict[str, Any]:
-    """The tree of a MATLAB file (version 5)."""
-    from scipy.io import loadmat
-
-    try:
-        return dict(loadmat(path, simplify_cells=True))
-    except Exception as error:  # for a truncated file the reader may raise any exception
-        raise RecordingError(f"{'/'.join(path.parts[-3:])} is no whole MATLAB file: {error}") from error
 
 
 def _descend(tree: PyTree, file: str, *keys: str) -> PyTree:
@@ -299,7 +291,8 @@ def _person(participant: str, measure: str, files: Files) -> dict[str, float | N
     path = files.find(f"{ROOT}/{participant}/infoForAlgo.mat")
     try:
         if path is not None:
-            about = _descend(_read(path), f"{participant}/infoForAlgo.mat", "infoForAlgo", measure)
+            content = read_matlab(path, ("infoForAlgo",), simplify_cells=True)
+            about = _descend(content, f"{participant}/infoForAlgo.mat", "infoForAlgo", measure)
     except RecordingError as error:
         files.notes.append(PERSON_UNKNOWN(reason=error))
     measures = {ours: _number(about, theirs) * factor for ours, (theirs, factor) in PERSON.items()}

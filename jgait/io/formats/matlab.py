@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from jgait.io.files import check_size, library
+from jgait.io.files import check_size, library, reading
 from jgait.types import RecordingError
 
 EXPECTED = "a MATLAB file of version 5 to 7"
@@ -22,6 +22,7 @@ NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 
 INT8, INT32, UINT32, MATRIX, COMPRESSED = 1, 5, 6, 14, 15
 CELL, STRUCT, CHAR, NUMERIC = 1, 2, 4, range(6, 16)  # classes of arrays that are read
+OPAQUE = 17  # class of what MATLAB keeps beside the variables: strings, dates, tables; read within a struct or cell
 DEEPEST = 50  # [1] most arrays in each other
 
 type Order = Literal["little", "big"]
@@ -34,7 +35,7 @@ def read_matlab(
     RecordingError if it is of another version or damaged, lacks a needed variable, or has one twice.
     """
     scipy_io = library("scipy.io", EXPECTED)
-    try:
+    with reading(path, EXPECTED):
         there = _variables(path)
         if lacking := [name for name in needed if name not in there]:
             others = ", ".join(filter(None, there)) or "none"
@@ -46,10 +47,6 @@ def read_matlab(
             raise RecordingError(f"{path.name} has several variables {twice[0]!r}, {hidden}")
         content = scipy_io.loadmat(path, variable_names=names, **options)
         return {name: content[name] for name in names}
-    except RecordingError:
-        raise
-    except Exception as error:  # for content that is damaged SciPy may raise any exception
-        raise RecordingError(f"{path.name} is no whole MATLAB file; expected {EXPECTED}: {error}") from error
 
 
 def _variables(path: Path) -> list[str]:
@@ -106,11 +103,13 @@ def _checked(content: memoryview, order: Order, depth: int) -> str:
         raise ValueError("an array has no flags")
     word = int.from_bytes(flags[:4], order)
     held, is_complex = word & 0xFF, bool(word & 0x800)
+    kinds = [kind for kind, _ in parts]
+    if held == OPAQUE and depth and kinds == [INT8, INT8, INT8, MATRIX]:
+        return _checked(parts[3][1], order, depth + 1)
     if held not in (CELL, STRUCT, CHAR, *NUMERIC):
         if depth:
             raise ValueError(f"an array is of the class {held}; expected structs, cells, texts and numbers")
         return ""
-    kinds = [kind for kind, _ in parts]
     if len(parts) < 2 or kinds[0] not in (INT32, UINT32) or depth > DEEPEST:
         raise ValueError("an array has no dimensions")
     shape, name = np.frombuffer(parts[0][1], f"{'<' if order == 'little' else '>'}i4").tolist(), parts[1][1]
@@ -131,7 +130,7 @@ def _checked(content: memoryview, order: Order, depth: int) -> str:
             _checked(value, order, depth + 1)
         return bytes(name).decode("latin1")
     if held == CHAR:
-        whole = len(kinds) == 1 and kinds[0] in (1, 2, 3, 4, 16, 17, 18) and count <= len(values[0])
+        whole = len(kinds) == 1 and kinds[0] in (1, 2, 3, 4, 16, 17, 18) and count <= (len(values[0]) or 1)
     else:
         whole = len(kinds) == 1 + is_complex and all(
             len(value) == count * NUMBERS.get(kind, 0) for kind, value in zip(kinds, values, strict=True)

@@ -1,6 +1,7 @@
 """Mobilise-D's `data.mat`: written by this test as the specification says, and the real ones of mobgap."""
 
 import itertools
+import struct
 
 import numpy as np
 import pytest
@@ -104,15 +105,35 @@ def test_a_malformed_sensor_is_named(write, changed, message):
         io.read_mobilised(path)
 
 
+def with_string(path):
+    """Adds to a file a variable `more`: a struct of a string, which SciPy reads and does not write, and of a text of
+    no bytes.
+    """
+
+    def element(kind, content):
+        return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    def array(held, *parts, name=b"", shape=(1, 1)):
+        about = () if held == 17 else (element(5, struct.pack("<2i", *shape)), element(1, name))
+        return element(14, b"".join((element(6, struct.pack("<II", held, 0)), *about, *parts)))
+
+    reference = array(13, element(6, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1)), shape=(6, 1))
+    string = array(17, *(element(1, text) for text in (b"", b"MCOS", b"string")), reference)
+    names = element(5, struct.pack("<i", 8)), element(1, b"string".ljust(8, b"\0") + b"empty".ljust(8, b"\0"))
+    path.write_bytes(path.read_bytes() + array(2, *names, string, array(4, element(4, b"")), name=b"more"))
+
+
 @pytest.mark.parametrize("compressed", [False, True])
 def test_a_damaged_structure_never_reaches_scipy(tmp_path, compressed):
     """SciPy ends the process at some types and lengths; each byte of a small file is damaged in turn."""
     path = tmp_path / "data.mat"
     tree = {"Fs": 100.0, "name": "foot", "list": np.array([1.0, "two"], dtype=object), "flag": np.array([True])}
     savemat(path, {"data": tree, "beside": 1j * np.ones(3)}, do_compression=compressed)
-    good, needed = path.read_bytes(), ("data", "beside")
+    with_string(path)
+    good, needed = path.read_bytes(), ("data", "beside", "more")
     content = read_matlab(path, needed, ("lacks",), simplify_cells=True)
     assert set(content) == set(needed) and content["data"]["name"] == "foot"
+    assert list(content["more"]) == ["string", "empty"]
     refused = 0
     for at, value in itertools.product(range(124, len(good)), (0x00, 0x11, 0xFF)):
         path.write_bytes(good[:at] + bytes([value]) + good[at + 1 :])
@@ -122,7 +143,9 @@ def test_a_damaged_structure_never_reaches_scipy(tmp_path, compressed):
             refused += 1
     assert refused > 0.2 * 3 * len(good[124:])
     path.write_bytes(good[: len(good) - 9])
-    with pytest.raises(RecordingError, match="data.mat is no whole MATLAB file"):
+    with pytest.raises(
+        RecordingError, match="data.mat cannot be read; expected a MATLAB file of version 5 to 7: an element of"
+    ):
         read_matlab(path, needed)
 
 
