@@ -13,7 +13,7 @@ from jaxtyping import PyTree
 from jgait import datasets, estimators
 from jgait import evaluate as evaluation
 from jgait.commands import machines
-from jgait.commands.cohort_table import MEASURES, CohortFiles, content_of, copies_among, rows_of, table_notes
+from jgait.commands.cohort_table import HOW, MEASURES, CohortFiles, content_of, copies_among, rows_of, table_notes
 from jgait.commands.console import Bar, note, progress, refused, say_failures, stop
 from jgait.commands.pipeline import measures_of, not_held_out, pipeline_of, start_of
 from jgait.estimators import Estimator, proportions
@@ -27,8 +27,9 @@ File = Annotated[
     typer.Argument(
         metavar="[COHORT.csv]",
         help="One row for each recording. Columns: file (from the table's folder), and if known subject, day, "
-        f"{', '.join(MEASURES)}, distance_m (walked, by a reference), sampling_rate_hz, reference_samples and "
-        "reference_strides (files with joint angles, and with strides, of a reference).",
+        f"{', '.join(MEASURES)}, distance_m (walked, by a reference), reference_samples and reference_strides (files "
+        f"with joint angles, and with strides, of a reference); also rate_hz, {', '.join(HOW)}, where a file does not "
+        "state its own.",
     ),
 ]
 Dataset = Annotated[str | None, typer.Option(help="A public data set instead, such as walking5m or neura_sparse.")]

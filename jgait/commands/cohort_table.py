@@ -14,7 +14,7 @@ import numpy as np
 from jgait import estimators, io
 from jgait.commands.console import meant
 from jgait.commands.pipeline import measures_of
-from jgait.commands.recordings import recording_of
+from jgait.commands.recordings import OPTIONS, recording_of
 from jgait.estimators import proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.io.names import like_a_signal
@@ -46,6 +46,9 @@ REFERENCES = ("reference_samples", "reference_strides")
 
 HOW = ("placement", "gyr_unit", "acc_unit")
 """Columns of what is stated of a recording, as by the options of the command."""
+
+WORDS = OPTIONS | {name: f"column {name}" for name in HOW} | {"sampling_rate_hz": "column rate_hz"}
+"""Argument of a reader → the column, or the option, of the same meaning."""
 
 COLUMNS = ("file", "subject", "day", *NUMBERS, *HOW, *REFERENCES)
 
@@ -166,7 +169,8 @@ class CohortFiles:
             raise FileNotFoundError(f"there is no such file: {self.shown / file}")
         how["rate"] = numbers["sampling_rate_hz"] or numbers["rate_hz"] or how.get("rate")
         how |= {name: row[name] for name in HOW if row.get(name)}
-        recording = recording_of(self.folder / file, name=file, subject=row.get("subject") or file, **how)
+        how |= {"name": file, "subject": row.get("subject") or file, "options": WORDS}
+        recording = recording_of(self.folder / file, **how)
         known = {measure.name: numbers[name] for name, measure in MEASURES.items()}
         return recording, {name: value for name, value in known.items() if value is not None}
 

@@ -8,7 +8,7 @@ import typer
 from jaxtyping import PyTree
 
 from jgait import estimators
-from jgait.commands.console import refused, stop
+from jgait.commands.console import meant, refused, stop
 from jgait.estimators.about import About, CommandOption
 from jgait.estimators.proportions import in_metres, outside
 from jgait.io.files import json_object
@@ -115,8 +115,8 @@ def person_in(file: Path | None) -> dict[str, PyTree]:
         content = in_metres(content)
         for name, value in content.items():
             if name not in known:
-                names = ", ".join(sorted(known))
-                raise ValueError(f"a person has {names}, also with _m behind the name; got {name!r}")
+                names = f"{', '.join(sorted(known))}, also with _m behind the name"
+                raise ValueError(f"a person has {names}; got {name!r}{meant(name, known)}")
             numbers, (low, high) = value if isinstance(value, list) else [value], known[name]
             if len(numbers) not in (1, 2) or not all(isinstance(v, int | float) for v in numbers):
                 raise ValueError(f"{name} is {low:g} to {high:g} m, one number or [right, left]; got {value!r}")

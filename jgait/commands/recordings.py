@@ -46,9 +46,9 @@ OPTIONS = {
 """Argument of a reader → the option of the same meaning."""
 
 
-def _in_options(error: RecordingError, *names: str) -> RecordingError:
+def _in_options(error: RecordingError, options: Mapping[str, str], *names: str) -> RecordingError:
     """The error, with the command's option instead of the reader's argument, and without the recording's names."""
-    option = OPTIONS.get(error.argument, error.argument)
+    option = options.get(error.argument, error.argument)
     if isinstance(error.value, dict):
         option += "".join(f" '{sensor}={place}'" for sensor, place in error.value.items())
     elif error.value:
@@ -142,9 +142,11 @@ def only(file: Path, how: Mapping[str, Any]) -> Recording:
 def recording_of(
     file: Path, *, rate: float | None = None, gyr_unit: str | None = None, acc_unit: str | None = None,
     range_unit: str = "m", format: str | None = None, placement: str | None = None,
-    placements: Mapping[str, str] | None = None, trial: str | None = None, **called: PyTree,
+    placements: Mapping[str, str] | None = None, trial: str | None = None, options: Mapping[str, str] = OPTIONS,
+    **called: PyTree,
 ) -> Recording:  # fmt: skip
-    """A recording from a user's file or folder, as the options state it; `called` are `name` and `subject`.
+    """A recording from a user's file or folder, as the options state it; `called` are `name` and `subject`. Messages
+    have `options` in place of the reader's arguments.
 
     Raises OSError if the file cannot be read, ValueError for unknown units or formats or an unusable recording.
     """
@@ -163,4 +165,4 @@ def recording_of(
     except FileNotFoundError as error:  # commands print the file before the error
         raise FileNotFoundError("there is no such file") from error
     except RecordingError as error:
-        raise _in_options(error, called.get("name") or file.stem, file.name) from error
+        raise _in_options(error, options, called.get("name") or file.stem, file.name) from error

@@ -46,8 +46,9 @@ class Total(NamedTuple):
 
     words: str  #: what it is.
     text: str  #: the number, ± its standard deviation, with its unit.
-    quantity: str = ""  #: its `Comparison.quantity`, or "".
+    quantity: str = ""  #: its `Comparison.quantity`, "joint angles", or "".
     source: str = ""  #: the sensors that it is from, or "".
+    usable: bool = True  #: False where the estimate itself states that it is not.
 
 
 class Results:
@@ -227,8 +228,8 @@ class Results:
             lasts, bouts = self.bouts["duration_s"].sum(), len(self.bouts)
             totals.append(Total("walking", f"{lasts:.1f} s in {bouts} {'bout' if bouts == 1 else 'bouts'}"))
         if (whole := distance_of(estimate)) is not None:
-            text = COLUMNS["distance_m"].text(*whole) + ", not usable" * distance_implausible(estimate)
-            totals.append(Total("distance", text, "distance"))
+            text, usable = COLUMNS["distance_m"].text(*whole), not distance_implausible(estimate)
+            totals.append(Total("distance", text, "distance", usable=usable))
         if not self.cycles and len(self.base):
             medians = self.summary.set_index("measure")["median"]
             deviations = self.counted.select_dtypes("number").median()
@@ -243,12 +244,13 @@ class Results:
                 totals.append(Total("stance", f"{medians['stance']:.0f} % of the stride"))
         for joint, pair in joint_ranges(estimate).items():
             if pair is not None:
-                usable = estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True)
-                totals.append(Total(joint, f"{pair[0]:z.0f} … {pair[1]:z.0f} °{'' if usable else ', not usable'}"))
+                usable = bool(estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True))
+                text = f"{pair[0]:z.0f} … {pair[1]:z.0f} °"
+                totals.append(Total(joint, text, "joint angles", usable=usable))
         return totals if self.analysis is None else [self._with_source(self.analysis, total) for total in totals]
 
     def _with_source(self, analysis: "Analysis", total: Total) -> Total:
-        if total.words in joint_ranges(self.estimate):
+        if total.quantity == "joint angles":
             return total._replace(source="legs")
         alone = [
             f"{c.source} {c.value:.{QUANTITIES[c.quantity].digits}f}" for c in analysis.comparisons

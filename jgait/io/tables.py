@@ -19,6 +19,7 @@ from jgait.io.names import (
     column_of,
     lettered,
     like_a_signal,
+    no_placement,
     not_recognised,
     placement_of,
     recognised,
@@ -127,6 +128,8 @@ def measured_table(
     given = lettered([str(column) for column in table.columns])
     _check_wide(table, given, name)
     renamed = [column.strip().lower() for column in given]
+    if placement is not None and placement not in PLACEMENTS:
+        raise RecordingError(f"{name}: {no_placement(placement)}")
     if placement is not None:
         renamed = [f"{placement}_{column}" if column in CHANNELS else column for column in renamed]
     ours = recognised(given, renamed, placement)

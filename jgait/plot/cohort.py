@@ -45,8 +45,9 @@ def bland_altman(table: "pd.DataFrame", quantity: str, *, unit: str = "") -> Fig
     """Difference against mean of estimate and reference, with bias and limits of agreement and their intervals.
 
     The table is long, with columns `quantity`, `estimate`, `reference` and `subject`, as `jgait.evaluate.agreement`
-    takes it; rows of one subject are repeated measurements. Up to `FEW` subjects are marked in different shapes and
-    colours. Raises ValueError if a column or the quantity is missing, or there are fewer than two subjects.
+    takes it; rows of one subject are repeated measurements, rows that are not finite are left out. Up to `FEW` subjects
+    are marked in different shapes and colours. Raises ValueError if a column or the quantity is missing, or there are
+    fewer than two subjects.
     """
     rows = _rows(table, quantity)
     names, codes = numbered_people(rows["subject"])
@@ -78,12 +79,12 @@ def bland_altman(table: "pd.DataFrame", quantity: str, *, unit: str = "") -> Fig
 def _limits(axis: Axes, limits: Limits, unit: str) -> None:
     """Draw bias and limits as lines, and write their values and intervals beside the axes."""
     axis.axhline(0.0, color="0.75", linewidth=0.8, zorder=0)
-    beside, bias = axis.get_yaxis_transform(), limits.bias
+    beside, bias, upper, lower = axis.get_yaxis_transform(), limits.bias, limits.upper, limits.lower
     apart = 0.11 * float(np.ptp(axis.get_ylim()))  # labels of two lines do not overlap
     for name, style, at, value, low, high, place in (
         ("bias", "-", 1.035, bias, limits.bias_low, limits.bias_high, bias),
-        ("upper 95 %", DASHED, 1.01, *limits[7:10], max(limits.upper, bias + apart)),
-        ("lower 95 %", DASHED, 1.06, *limits[4:7], min(limits.lower, bias - apart)),
+        ("upper 95 %", DASHED, 1.01, upper, limits.upper_low, limits.upper_high, max(upper, bias + apart)),
+        ("lower 95 %", DASHED, 1.06, lower, limits.lower_low, limits.lower_high, min(lower, bias - apart)),
     ):
         axis.axhline(value, color="black", linewidth=1.2, linestyle=style)
         axis.plot([at, at], [low, high], "_-", color="black", transform=beside, clip_on=False, markersize=6)

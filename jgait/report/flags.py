@@ -17,9 +17,6 @@ from jgait.types import PLACEMENTS
 DOUBTS = ("stop", "check")
 """Grades of flags that put numbers in doubt."""
 
-NOT_USABLE = ", not usable"
-"""What is behind a number that should not be used."""
-
 USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE, FEW_REGULAR.meaning)
 """Meanings of notes that most recordings have without any fault; of one severity they come last."""
 
@@ -42,23 +39,19 @@ def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:
 
 
 def marked(totals: Iterable[Total], flags: Iterable[Flag]) -> list[Total]:
-    """The numbers, with "not usable" behind those that a flag stops; counts of strides and time walked stay, and angles
-    of a side that is in order where those of the other are marked already.
+    """The numbers, with "not usable" behind those that are not, or that a flag stops; counts of strides and time walked
+    stay, and angles of a side that is in order where those of the other are not usable.
     """
     totals, stops = list(totals), {flag.measure for flag in flags if flag.grade == "stop"}
-    if any(_of_joint(total) and total.text.endswith(NOT_USABLE) for total in totals):
+    if any(total.quantity == "joint angles" and not total.usable for total in totals):
         stops.discard("joint angles")
 
-    def stopped(total: Total) -> bool:
-        measure = "joint angles" if _of_joint(total) else total.words
-        known = total.text != "–" and not total.text.endswith(NOT_USABLE)
-        return known and measure not in ("strides", "walking") and bool(stops & {"", measure})
+    def usable(total: Total) -> bool:
+        measure = total.quantity or total.words
+        stays = total.text == "–" or measure in ("strides", "walking")
+        return total.usable and (stays or not stops & {"", measure})
 
-    return [total._replace(text=total.text + NOT_USABLE * stopped(total)) for total in totals]
-
-
-def _of_joint(total: Total) -> bool:
-    return total.words.startswith(("hip ", "knee "))
+    return [total if usable(total) else total._replace(text=f"{total.text}, not usable") for total in totals]
 
 
 def explained(notes: Iterable[Note]) -> list[Flag]:

@@ -127,6 +127,14 @@ def test_a_row_states_the_place_the_rate_and_the_units_of_its_recording(table, w
     foot = foot.assign(**{c: foot[c] / (9.80665 if "acc" in c else 180.0 / np.pi) for c in foot})
     foot.to_csv(walks[0] / "bare.csv", index=False)
     stated = {"file": "bare.csv", "rate_hz": 100, "placement": "shank_left", "gyr_unit": "rad/s", "acc_unit": "g"}
+    for column, value, message in (
+        ("placement", "shin_left", "there is no placement 'shin_left'"),
+        ("gyr_unit", "deg", "column gyr_unit must be one of"),
+        ("rate_hz", 0, "rate_hz must be between"),
+    ):
+        rows = pd.DataFrame([stated | {column: value}])
+        with pytest.raises(ValueError, match=message):
+            opened(table(lambda frame, rows=rows: pd.concat([frame, rows]), f"{column}.csv")).read("bare.csv")
     found = opened(table(lambda frame: pd.concat([frame, pd.DataFrame([stated])]), "stated.csv"))
     assert not any("column" in str(note) for note in found.notes if note.code != "measure_of_some")
     recording, whole = found.read("bare.csv").recording, found.read("walk0.csv").recording

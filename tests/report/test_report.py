@@ -297,14 +297,16 @@ def test_one_sentence_says_how_far_to_trust_and_gives_up_to_three_reasons(raised
 
 
 def test_a_stop_marks_the_numbers_that_it_is_about():
-    totals = [Total("strides", "3"), Total("distance", "4 m"), Total("hip right", "0 … 9 °"), Total("cadence", "–")]
+    angles = Total("hip right", "0 … 9 °", "joint angles")
+    totals = [Total("strides", "3"), Total("distance", "4 m"), angles, Total("cadence", "–")]
 
-    def texts(measure):
+    def texts(measure, totals=totals):
         raised = [flags.Flag("stop", "a", "b", measure), flags.Flag("check", "a", "b", "distance")]
         return [total.text for total in flags.marked(totals, raised)]
 
     assert texts("") == ["3", "4 m, not usable", "0 … 9 °, not usable", "–"]
     assert texts("joint angles") == ["3", "4 m", "0 … 9 °, not usable", "–"]
+    assert texts("joint angles", [angles, angles._replace(usable=False)]) == ["0 … 9 °", "0 … 9 °, not usable"]
 
 
 def test_a_command_keeps_units_and_trials():

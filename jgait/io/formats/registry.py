@@ -151,8 +151,8 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
     if known is None and ending in OTHERS:
         raise RecordingError(f"{file.name} {OTHERS[ending]}")
     if known is None and file.is_dir():
-        files = f"name its files, such as {file.name}/*.csv"
-        raise RecordingError(f"{file.name} is a folder, and none of a format that jgait reads; {files}")
+        files = f"name its files, such as {file / '*.csv'}"
+        raise RecordingError(f"{file.name or file} is a folder, and none of a format that jgait reads; {files}")
     if known is None:
         check_brand(file)
         formats = ", ".join(FORMATS)
