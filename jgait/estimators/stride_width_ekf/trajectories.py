@@ -90,7 +90,7 @@ def _checked(
 def _headings(stood: np.ndarray) -> tuple[np.ndarray, float]:
     """Headings of the strides between stances (n, 2) relative to the first stride, and that of the first [rad].
 
-    A stride shorter than `SHORTEST_WAY` gets the heading of the stride before; those before the first get that of it.
+    A stride shorter than `SHORTEST_WAY` has the heading of the stride before it, or else of the first longer one.
     """
     way = np.diff(stood, axis=0)
     long = np.hypot(*way.T) >= SHORTEST_WAY
