@@ -13,7 +13,7 @@ from typing import Any
 try:
     import rich  # noqa: F401
     import typer
-    from typer.core import TyperGroup
+    from typer.core import TyperCommand, TyperGroup
 except ImportError as missing:  # the library alone does without them
     needed = f"the jgait command needs its extra: pip install 'jgait[cli]' ({missing})"
     if Path(sys.argv[0]).stem != "jgait":  # a module that is imported, and not the command
@@ -41,9 +41,6 @@ COMMANDS = {
 }
 """Name of a command → what it does."""
 
-INTERRUPTED = 128 + signal.SIGINT
-"""Exit status of a command after Ctrl-C."""
-
 
 class Interrupted(KeyboardInterrupt):
     """A signal that ends the command; after a bare `KeyboardInterrupt` within `exec`, `python -m` ends as killed."""
@@ -51,6 +48,18 @@ class Interrupted(KeyboardInterrupt):
 
 _kept: list[Path] = []
 """The folder of compiled programs, if `main` could make it."""
+
+
+class Command(TyperCommand):
+    """A command; the values of `--option` are listed at the end of its help alone, as all estimators are read then."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """The end of the help."""
+        if any(parameter.name == "option" for parameter in self.params):
+            from jgait.commands.options import epilog
+
+            self.epilog = epilog()
+        super().format_epilog(ctx, formatter)
 
 
 class Commands(TyperGroup):
@@ -80,7 +89,7 @@ class Commands(TyperGroup):
         if cmd_name == "datasets":
             return typer.main.get_command(module.sets)
         command_app = typer.Typer(rich_markup_mode=None, add_completion=False)
-        command_app.command(cmd_name, epilog=getattr(module, "EPILOG", None))(getattr(module, function))
+        command_app.command(cmd_name, cls=Command)(getattr(module, function))
         return typer.main.get_command(command_app)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -126,7 +135,7 @@ def main() -> None:
     try:
         app()
     except (KeyboardInterrupt, SystemExit) as end:
-        if isinstance(end, SystemExit) and end.code != INTERRUPTED:
+        if isinstance(end, SystemExit) and end.code != 128 + signal.SIGINT:  # as click ends after Ctrl-C
             raise
         print("jgait: interrupted", file=sys.stderr)
         raise SystemExit(128 + ended[-1]) from None

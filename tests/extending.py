@@ -29,10 +29,9 @@ TOYS = (
         ("jgait/estimators/toy_speed", "docs/methods/toy_speed.md", "experiments/toy_speed.py"),
         {
             "jgait/estimators/__init__.py": (
-                ("stride_width_ekf, waist\n", "stride_width_ekf, toy_speed, waist\n"),
                 (
-                    '    "waist": waist.estimator,\n',
-                    '    "waist": waist.estimator,\n    "toy_speed": toy_speed.estimator,\n',
+                    '    "waist": "waist.estimator",\n',
+                    '    "waist": "waist.estimator",\n    "toy_speed": "toy_speed.estimator",\n',
                 ),
             ),
         },
@@ -59,8 +58,12 @@ TOYS = (
         ("jgait/plot/toy_figure.py",),
         {
             "jgait/plot/__init__.py": (
-                ("from jgait.plot.tuning", "from jgait.plot.toy_figure import toy_distance\nfrom jgait.plot.tuning"),
-                ('    "training",\n', '    "toy_distance",\n    "training",\n'),
+                (
+                    "    from jgait.plot.tuning",
+                    "    from jgait.plot.toy_figure import toy_distance\n    from jgait.plot.tuning",
+                ),
+                ('"training",', '"toy_distance", "training",'),
+                ('    "tuning":', '    "toy_figure": ("toy_distance",),\n    "tuning":'),
             ),
             "jgait/estimators/toy_speed/about.py": (
                 ("...] = ()", '...] = (EstimateFigure("toy_distance", "feet", caption="The distance in feet."),)'),

@@ -277,7 +277,7 @@ def test_the_command_says_which_extra_it_needs(installed, tmp_path):
     "code, package",
     [
         ("from jgait import io; io.read_csv('walk.csv')", "pandas"),
-        ("from jgait import plot; plot.style.blank(1, 1, 3.0, 3.0)", "matplotlib"),
+        ("from jgait.plot import style; style.blank(1, 1, 3.0, 3.0)", "matplotlib"),
         ("from jgait import datasets; datasets.fetch('footprints')", "pooch"),
     ],
 )

@@ -2,19 +2,21 @@
 
 import contextlib
 import csv
+import functools
 import hashlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait import estimators, io
-from jgait.commands.console import meant
-from jgait.commands.pipeline import measures_of
-from jgait.commands.recordings import OPTIONS, recording_of
+from jgait.commands.console import meant, say_failures, stop
+from jgait.commands.options import measures_of
+from jgait.commands.recordings import OPTIONS, places_in, recording_of
 from jgait.estimators import proportions
 from jgait.estimators.about import BodyMeasure
 from jgait.io.names import like_a_signal
@@ -23,23 +25,12 @@ from jgait.io.text import read_table
 from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
 from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
 from jgait.quality import of_sensor
-from jgait.types import Recording, Walk
+from jgait.types import Recording, Walk, people, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MEASURES = {
-    f"{measure.name}_{measure.unit}": measure
-    for estimator in map(estimators.get, estimators.names())
-    for measure in estimator.about.measures if measure.name in measures_of(estimator)
-}  # fmt: skip
-"""Column → the body measure in this column, for all estimators; measures that are parameters of an estimator."""
-
-NUMBERS = {
-    **MEASURES, "distance_m": BodyMeasure("distance", "m", 0.01, 1e6, "distance walked"),
-    **dict.fromkeys(("sampling_rate_hz", "rate_hz"), BodyMeasure("sampling_rate", "Hz", 0.1, 1e6, "sampling rate")),
-}  # fmt: skip
-"""Columns of numbers."""
+    from jgait.evaluate import Cohort
 
 REFERENCES = ("reference_samples", "reference_strides")
 """Columns of files with a reference, see `io.reference_from_tables`."""
@@ -47,10 +38,12 @@ REFERENCES = ("reference_samples", "reference_strides")
 HOW = ("placement", "gyr_unit", "acc_unit")
 """Columns of what is stated of a recording, as by the options of the command."""
 
-WORDS = OPTIONS | {name: f"column {name}" for name in HOW} | {"sampling_rate_hz": "column rate_hz"}
+WORDS = (
+    OPTIONS
+    | {name: f"column {name.rstrip('s')}" for name in (*HOW, "placements")}
+    | {"sampling_rate_hz": "column rate_hz"}
+)
 """Argument of a reader → the column, or the option, of the same meaning."""
-
-COLUMNS = ("file", "subject", "day", *NUMBERS, *HOW, *REFERENCES)
 
 SUBJECTS_UNKNOWN = Kind(
     "subjects_unknown", "info", "no column 'subject': every recording counts as another person",
@@ -71,6 +64,31 @@ DISTANCE_NOT_USED = Kind(
     "reference_distance_not_used", "check", "distance_m of the table is not used, because {file} has no such column",
     "The reference is that file's. Write the distance walked so far into it to compare the distance as well.",
 )  # fmt: skip
+
+
+@functools.cache
+def columns_of_measures() -> dict[str, BodyMeasure]:
+    """Column → the body measure in this column, for all estimators; measures that are parameters of an estimator."""
+    return {
+        f"{measure.name}_{measure.unit}": measure
+        for estimator in map(estimators.get, estimators.names())
+        for measure in estimator.about.measures if measure.name in measures_of(estimator)
+    }  # fmt: skip
+
+
+@functools.cache
+def columns_of_numbers() -> dict[str, BodyMeasure]:
+    """Column of numbers → its meaning and range."""
+    rate = BodyMeasure("sampling_rate", "Hz", 0.1, 1e6, "sampling rate")
+    return columns_of_measures() | {
+        "distance_m": BodyMeasure("distance", "m", 0.01, 1e6, "distance walked"),
+        "sampling_rate_hz": rate, "rate_hz": rate,
+    }  # fmt: skip
+
+
+def known_columns() -> tuple[str, ...]:
+    """All columns that a table can have."""
+    return ("file", "subject", "day", *columns_of_numbers(), *HOW, *REFERENCES)
 
 
 def is_cohort(path: Path) -> bool:
@@ -164,14 +182,16 @@ class CohortFiles:
     def recording(self, file: str, **how: Any) -> tuple[Recording, dict[str, float]]:
         """The recording of a row, read by `recording_of` with further arguments, and the measures of its person."""
         row = self.rows[file]
-        numbers = {name: _number(row, name) for name in NUMBERS}
+        numbers = {name: _number(row, name) for name in columns_of_numbers()}
         if not (self.folder / file).exists():
             raise FileNotFoundError(f"there is no such file: {self.shown / file}")
         how["rate"] = numbers["sampling_rate_hz"] or numbers["rate_hz"] or how.get("rate")
         how |= {name: row[name] for name in HOW if row.get(name)}
+        if "=" in (named := row.get("placement", "")):
+            how |= places_in(each.strip() for each in named.split(";"))
         how |= {"name": file, "subject": row.get("subject") or file, "options": WORDS}
         recording = recording_of(self.folder / file, **how)
-        known = {measure.name: numbers[name] for name, measure in MEASURES.items()}
+        known = {measure.name: numbers[name] for name, measure in columns_of_measures().items()}
         return recording, {name: value for name, value in known.items() if value is not None}
 
     def files(self, file: str, columns: Sequence[str] = ("file", *REFERENCES)) -> dict[str, Path]:
@@ -185,13 +205,13 @@ class CohortFiles:
         for path in self.files(file).values():
             state = path.stat() if path.exists() else None
             states.append("missing" if state is None else f"{state.st_size} bytes of {state.st_mtime_ns}")
-        cells = ", ".join(f"{name} {row[name]}" for name in COLUMNS if row.get(name) and name != "file")
+        cells = ", ".join(f"{name} {row[name]}" for name in known_columns() if row.get(name) and name != "file")
         return f"{cells} ({'; '.join(states)})"
 
 
 def _number(row: dict[str, str], name: str) -> float | None:
     """The number in a column, None where the cell is empty. Raises ValueError if it is none, or out of its range."""
-    measure, text = NUMBERS[name], row.get(name, "")
+    measure, text = columns_of_numbers()[name], row.get(name, "")
     if not text:
         return None
     try:
@@ -205,8 +225,8 @@ def _number(row: dict[str, str], name: str) -> float | None:
 
 def table_notes(names: Sequence[str], rows: Mapping[str, Mapping[str, str]], measures: Sequence[str]) -> list[Note]:
     """Notes about columns that the user may have misspelt or forgotten; `measures` are those of the estimator."""
-    others = [name for name in names if name not in COLUMNS]
-    notes = [LEFT_OUT.note(f"column {name!r} is left out{meant(name, COLUMNS, 0.7)}") for name in others]
+    others = [name for name in names if name not in known_columns()]
+    notes = [LEFT_OUT.note(f"column {name!r} is left out{meant(name, known_columns(), 0.7)}") for name in others]
     if not any(row.get("subject") for row in rows.values()):
         notes.append(SUBJECTS_UNKNOWN())
     # measures of which a note says that the default is used: the result is proportional to them, or shifted
@@ -245,3 +265,73 @@ def _from_first(file: Path, begins: float) -> "pd.DataFrame":
     table = read_table(file)[0]
     times = {name: table[name] - begins for name in ("time_s", *(f"{name}_s" for name in TIMES)) if name in table}
     return table.assign(**times) if begins else table
+
+
+class Source(NamedTuple):
+    """A cohort before its recordings are read."""
+
+    title: str  #: name of the cohort.
+    items: list[PyTree]  #: walks, or names for `read`.
+    #: name → walk; raises for a walk that cannot be read. None where the items are walks.
+    read: Callable[[PyTree], Walk] | None
+    marks: dict[str, str]  #: name → the inputs of its result, so that a run that continues detects changed inputs.
+    failures: list[tuple[str, str]]  #: (name, reason) of rows that cannot be items.
+    notes: list[Note]  #: notes for the user.
+    files: Sequence[Path] = ()  #: files of the user that are read.
+    subjects: Mapping[str, str] = {}  #: name → subject, as far as known before the recordings are read.
+    copies: Sequence[Note] = ()  #: notes on recordings whose files are copies.
+
+    def with_failures(self, results: "Cohort") -> "tuple[Cohort, list[tuple[str, str]]]":
+        """Results whose failures contain rows that cannot be items, and these (recording, reason), printed; exits with
+        code 2 if nothing could be used.
+        """
+        import pandas as pd
+
+        rows = pd.DataFrame(self.failures, columns=["recording", "reason"])
+        every = pd.concat([rows, results.failures], ignore_index=True)
+        stated = every["recording"].map(lambda name: self.subjects.get(name) or None)
+        every["subject"] = stated.fillna(every["subject"].astype(object)).fillna("")
+        failures = list(zip(every["recording"], every["reason"], strict=True))
+        say_failures(failures)
+        if not len(results.recordings):
+            why = (
+                "; people of --simulated wear sensors on thighs and shanks; run jgait simulate --placements "
+                "foot_right,foot_left (or ankle_right, or waist), and give the table that it writes"
+            )
+            stop(f"none of the {len(failures)} recordings of {self.title} could be used{why * (self.read is None)}")
+        return results._replace(failures=every[["recording", "subject", "reason"]]), failures
+
+    def versions(self, names: Iterable[str], columns: Sequence[str] = ("file",)) -> dict[str, str]:
+        """File → its content, of these recordings' files in columns of a table; else name → its mark."""
+        if not isinstance(self.read, CohortFiles):
+            return {name: f"{self.marks[name]}: {name}" for name in names if name in self.marks}
+        paths = {file: path for name in names for file, path in self.read.files(name, columns).items()}
+        return {file: content_of(path) for file, path in paths.items() if path.exists()}
+
+    def walks(self, failures: list[tuple[str, str]], report: Callable[[int], None]) -> Iterable[Walk]:
+        """Yields the walks one by one; walks that cannot be read are added to the failures."""
+        for number, item in enumerate(self.items):
+            report(number)
+            try:
+                walk = item if self.read is None else self.read(item)
+            except ImportError:
+                raise
+            except Exception as error:  # an error in a single file must not stop the others
+                failures.append((str(item), reason_of(error)))
+            else:
+                yield walk
+
+
+def of_table(path: Path, gyr_unit: str | None, acc_unit: str | None, measures: Sequence[str]) -> Source:
+    """Rows of a table, by file. Raises ValueError if it is no table with a column `file`, or a unit is unknown."""
+    rows, names, failures = rows_of(path)
+    named = [row for row in rows.values() if row.get("subject")]
+    for row, name in zip(named, people(row["subject"] for row in named), strict=True):
+        row["subject"] = name
+    read = CohortFiles(path.parent, rows, gyr_unit, acc_unit)
+    copies = copies_among({file: path.parent / file for file in rows})
+    return Source(
+        path.name, list(rows), read, {file: read.mark(file) for file in rows}, failures,
+        [*table_notes(names, rows, measures), *copies], [each for file in rows for each in read.files(file).values()],
+        {file: row["subject"] for file, row in rows.items() if row.get("subject")}, copies,
+    )  # fmt: skip

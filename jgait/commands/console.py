@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 from jgait.io.atomic import write_text
+from jgait.io.flags import GRADES, Flag
 from jgait.notes import by_reason, printable
 from jgait.types import reason_of
 
@@ -157,10 +158,8 @@ def say(text: object, style: str = "") -> None:
     console.print(visible(text), style=style, highlight=False, soft_wrap=True)
 
 
-def say_flags(flags: "Sequence[page.Flag]", where: str, most: int = 5) -> None:
+def say_flags(flags: Sequence[Flag], where: str, most: int = 5) -> None:
     """Print the first flags of a cohort, and `where` all are; nothing if there are none."""
-    from jgait.report.page import GRADES
-
     for flag in flags[:most]:
         note(f"{GRADES[flag.grade]}: {flag.text}")
     left = max(len(flags) - most, 0)

@@ -1,5 +1,6 @@
 """`jgait estimate`: joint angles, foot paths, strides and widths of a user's own recordings."""
 
+import csv
 import json
 import shutil
 import tempfile
@@ -15,26 +16,22 @@ import typer
 from jaxtyping import PyTree
 
 from jgait import io
-from jgait.commands import cohort as cohorts
 from jgait.commands import console, jobs, machines, options, recordings
-from jgait.commands.cohort_table import CohortFiles, is_cohort
+from jgait.commands.cohort_table import CohortFiles, Source, is_cohort, of_table
 from jgait.commands.console import count, say, stop
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.recordings import Item
+from jgait.dask import DIED, on_dask
 from jgait.estimators import programs
 from jgait.io.atomic import write_text
+from jgait.io.flags import DOUBTS, GRADES, Flag, verdict
 from jgait.notes import of_recordings
-from jgait.report.flags import DOUBTS, verdict
-from jgait.report.page import GRADES, Flag
-from jgait.tune.dask import DIED, on_dask
 from jgait.types import Recording, reason_of
 
 if TYPE_CHECKING:
     import pandas as pd
     from distributed import Client
-
-EPILOG = options.epilog()
 
 STYLES = {"stop": "bold red", "check": "yellow", "corrected": "", "info": ""}
 """Grade of a flag → its style in the terminal."""
@@ -83,7 +80,7 @@ def estimate(
             "recordings with a column file, as of jgait evaluate."
         ),
     ],
-    estimator: cohorts.OneEstimator = None,
+    estimator: options.OneEstimator = None,
     rate: recordings.Rate = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
@@ -91,8 +88,8 @@ def estimate(
     format: recordings.Format = None,
     place: recordings.Place = None,
     trial: recordings.Trial = None,
-    params: cohorts.Params = None,
-    paper: cohorts.Paper = False,
+    params: options.Params = None,
+    paper: options.Paper = False,
     person: options.PersonFile = None,
     height: options.Height = None,
     thigh: options.Thigh = None,
@@ -124,10 +121,10 @@ def estimate(
             stop(f"{name} is of one estimator; give --estimator as well")
     job = jobs.job_of(estimator, paper, params, person, options.given(option, height, thigh, shank))
     how = recordings.how(rate, gyr_unit, acc_unit, range_unit, format, place)
-    tables = {
-        file: cohorts.source(file, None, None, 0, gyr_unit, acc_unit, ())
-        for file in files if is_cohort(file)
-    }  # fmt: skip
+    with console.refused("", csv.Error):
+        tables = {file: of_table(file, gyr_unit, acc_unit, ()) for file in files if is_cohort(file)}
+    for line in (line for table in tables.values() for line in table.notes):
+        console.note(line)
 
     def read(item: Item) -> tuple[Recording, Mapping[str, PyTree]]:
         rows = tables[item.table].read if item.table else None
@@ -178,9 +175,7 @@ def estimate(
         raise typer.Exit(1 if numbers else 2)
 
 
-def _items(
-    files: list[Path], tables: Mapping[Path, cohorts.Source], format: str | None, trial: str | None
-) -> list[Item]:
+def _items(files: list[Path], tables: Mapping[Path, Source], format: str | None, trial: str | None) -> list[Item]:
     """The recordings in files, and in those that tables list, each with the first part of the names of its results."""
     listed = [(file.parent / cell, file, cell) if file in tables else (file, None, "")
               for file in files for cell in (tables[file].items if file in tables else ("",))]  # fmt: skip
@@ -302,7 +297,8 @@ def _show(job: EstimateJob, made: Sequence[tuple[Item, Outcome]], notes: bool) -
     rows = [("" if number else item.name, *row) for item, outcome in made for number, row in enumerate(outcome.rows)]
     if rows:
         headings = ("recording", "measure", "value", "from")[: max(map(len, rows))]
-        console.show(*headings, rows=rows, left=4, title=job.title)
+        title = "all sensors together" if job.name == "all" else f"{job.name}{', the paper’s pipeline' * job.paper}"
+        console.show(*headings, rows=rows, left=4, title=title)
     for item, outcome in made:
         if outcome.reason:
             continue

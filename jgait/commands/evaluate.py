@@ -11,7 +11,8 @@ from jgait import evaluate as evaluation
 from jgait import plot
 from jgait import report as reports
 from jgait.commands import cohort as cohorts
-from jgait.commands import console, machines, recordings
+from jgait.commands import console, machines, options, recordings
+from jgait.commands.cohort_table import Source
 from jgait.commands.folder import results_folder
 from jgait.commands.tune_run import lessons_of, prepared
 from jgait.estimators import Estimator
@@ -43,9 +44,9 @@ def evaluate(
     table: cohorts.File = None,
     dataset: cohorts.Dataset = None,
     simulated: cohorts.Simulated = None,
-    estimator: cohorts.EstimatorName = "leg_ekf",
-    paper: cohorts.Paper = False,
-    params: cohorts.Params = None,
+    estimator: options.EstimatorName = "leg_ekf",
+    paper: options.Paper = False,
+    params: options.Params = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
@@ -126,7 +127,7 @@ def evaluate(
 
 
 def _judged(
-    pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
+    pipeline: Estimator[PyTree, PyTree], source: Source, start: PyTree, names: list[str],
     printed: list[tuple[str, str]],
 ) -> "pd.DataFrame":  # fmt: skip
     """The errors of the recordings in each loss, empty where a reference cannot answer it; `printed` are known
@@ -158,7 +159,7 @@ def _show_losses(judged: "pd.DataFrame", names: list[str]) -> None:
 
 
 def _write(
-    out: Path, source: cohorts.Source, results: Cohort, usable: Cohort, agreement: "pd.DataFrame",
+    out: Path, source: Source, results: Cohort, usable: Cohort, agreement: "pd.DataFrame",
     judged: "pd.DataFrame | None",
 ) -> list[Path]:  # fmt: skip
     """Write tables, notes and figures."""

@@ -6,17 +6,13 @@ from typing import Annotated
 import typer
 
 from jgait import plot
-from jgait.commands import cohort as cohorts
 from jgait.commands import options, recordings
 from jgait.commands.console import Json, note, refused, say, show_table, write_json, wrote
 from jgait.commands.folder import keep_inputs
-from jgait.commands.pipeline import chosen
 from jgait.commands.simulate import sensor_of
 from jgait.evaluate.study import estimator_of
 from jgait.report import moves
 from jgait.tune import explain as explained_by
-
-EPILOG = options.epilog()
 
 
 def explain(
@@ -24,9 +20,9 @@ def explain(
     measure: Annotated[
         str | None, typer.Option(help="Such as stride_length, walking_speed, distance, knee_flexion_range.")
     ] = None,
-    estimator: cohorts.OneEstimator = None,
+    estimator: options.OneEstimator = None,
     sensors: Annotated[str, typer.Option(help="Whose calibration errs: mpu6000, opal, idg300, freesense.")] = "mpu6000",
-    params: cohorts.Params = None,
+    params: options.Params = None,
     person: options.PersonFile = None,
     height: options.Height = None,
     thigh: options.Thigh = None,
@@ -57,7 +53,7 @@ def explain(
         name = estimator or estimator_of(walk).name
     if estimator is None:  # it was chosen by the sensors: measures of the person that it does not need are none of its
         given = {option: value for option, value in given.items() if name in options.owners(option)}
-    choice = chosen(name, False, params, given)
+    choice = options.chosen(name, False, params, given)
     known = options.person_in(person)
     p, lacking = choice.personal(known)
     for line in lacking:

@@ -7,11 +7,9 @@ import jax
 import typer
 
 from jgait import estimators, io
-from jgait.commands import cohort as cohorts
 from jgait.commands import options, recordings
 from jgait.commands.console import refused, show, wrote
 from jgait.commands.folder import results_folder
-from jgait.commands.pipeline import start_of
 from jgait.estimators.online import CAUSAL, online
 
 
@@ -20,7 +18,7 @@ def export(
     estimator: Annotated[
         list[str] | None, typer.Option(help=f"Of {', '.join(CAUSAL)}; once for each; default all with sensors.")
     ] = None,
-    params: cohorts.Params = None,
+    params: options.Params = None,
     person: options.PersonFile = None,
     height: options.Height = None,
     thigh: options.Thigh = None,
@@ -45,7 +43,7 @@ def export(
     with refused():
         if params is not None:
             name = io.made_of(params)[0]
-            tuned = {name: start_of(estimators.get(name), params, False)}
+            tuned = {name: options.start_of(estimators.get(name), params, False)}
     walk = recordings.only(file, how)
     with refused(f"{file}: "), jax.enable_x64(not single):
         steps = online(walk, body, estimator, tuned).export()

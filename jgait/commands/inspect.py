@@ -10,8 +10,9 @@ from jgait import plot
 from jgait.commands import recordings
 from jgait.commands.console import say, say_failures, show, wrote
 from jgait.events.rest import rest
+from jgait.io.flags import GRADES
 from jgait.notes import gravest_first, grouped, without_repeats
-from jgait.report.page import GRADES, significant
+from jgait.report.page import significant
 from jgait.signal.windows import true_runs
 from jgait.types import Imu, Recording, as_float, reason_of
 

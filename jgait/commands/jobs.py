@@ -8,16 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from jaxtyping import PyTree
 
 from jgait import io, plot
-from jgait import report as reports
 from jgait.commands import options
-from jgait.commands.pipeline import chosen
 from jgait.estimators.about import About, EstimatedRecording, EstimateFigure, EstimateTable
 from jgait.estimators.combined import Analysis, analyse
 from jgait.estimators.totals import FOOT_PATH, JOINT_ANGLES, LEG_STRIDES, WAY, distance_of, has_legs, has_strides
+from jgait.io.flags import Flag, marked, of_result
 from jgait.io.results import CAPTION, Results
 from jgait.notes import Note, without_repeats
-from jgait.report.flags import marked, of_result
-from jgait.report.page import Flag
 from jgait.types import Recording
 
 if TYPE_CHECKING:
@@ -63,18 +60,9 @@ class EstimateJob(NamedTuple):
 
     about: About  #: states tables and figures.
     compute: Callable[[Recording, Mapping[str, PyTree]], RecordingResults]  #: (recording, measures of a person) → all.
-    made: reports.Made  #: how the results are made, for a page.
+    name: str = "all"  #: of the estimator.
+    paper: bool = False  #: whether it is the paper's pipeline.
     caption: str = CAPTION  #: text below the table that is printed.
-
-    @property
-    def name(self) -> str:
-        """Name of the estimator, or "all"."""
-        return self.made.estimator if self.made.default is not None else "all"
-
-    @property
-    def title(self) -> str:
-        """Of the table that is printed."""
-        return f"{self.made.estimator}, the paper's pipeline" if self.made.pipeline else self.made.estimator
 
     @property
     def joined(self) -> list[str]:
@@ -93,7 +81,7 @@ def job_of(
     """The work that the options ask for, by one estimator or by all; exits with code 2 if they do not go together."""
     if estimator is None:
         return all_sensors(options.person_of(person, given))
-    choice = chosen(estimator, paper, params, given)
+    choice = options.chosen(estimator, paper, params, given)
     stated, about = options.person_in(person), choice.estimator.about
 
     def compute(recording: Recording, known: Mapping[str, PyTree]) -> RecordingResults:
@@ -103,9 +91,8 @@ def job_of(
         estimate = estimate._replace(diagnostics={**estimate.diagnostics, "notes": notes})
         return of_estimate(EstimatedRecording(recording, estimate, p, choice.settings), about)
 
-    made = reports.Made(estimator, None, choice.estimator.params, "the paper's" if paper else "")
     caption = about.caption.format(**choice.settings)
-    return EstimateJob(about, compute, made, "; ".join(filter(None, (caption, CAPTION))))
+    return EstimateJob(about, compute, estimator, paper, "; ".join(filter(None, (caption, CAPTION))))
 
 
 def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
@@ -114,7 +101,7 @@ def all_sensors(person: Mapping[str, PyTree]) -> EstimateJob:
     def compute(recording: Recording, known: Mapping[str, PyTree]) -> RecordingResults:
         return of_analysis(analyse(recording, {**known, **person}))
 
-    return EstimateJob(ALL, compute, reports.Made("all sensors together"))
+    return EstimateJob(ALL, compute)
 
 
 def of_estimate(made: EstimatedRecording, about: About) -> RecordingResults:

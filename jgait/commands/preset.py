@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, PyTree
 from jgait import datasets, evaluate, io
 from jgait.commands import cohort as cohorts
 from jgait.commands.console import Bar, progress, say, show, stop, wrote
-from jgait.commands.pipeline import measures_of
+from jgait.commands.options import measures_of
 from jgait.commands.tune_report import ENOUGH, TuningOutcome
 from jgait.commands.tune_run import lessons_of, prepared
 from jgait.estimators import Estimator
@@ -39,9 +39,6 @@ AGREED = 2.0
 
 MOVES = 0.01
 """Least change of the error with a parameter that is learned, as far as the parameter deviates [share of the error]."""
-
-KNOWN = 0.1
-"""Deviation of a parameter without a stated one, over its value [1]: the tenth by which `tune.explain` moves it."""
 
 
 class Elsewhere(NamedTuple):
@@ -120,7 +117,8 @@ def numbers(pipeline: Estimator[PyTree, PyTree], start: PyTree) -> list[Number]:
         if transform.to_free is None or np.ndim(value) or any(f"{name}.".startswith(f"{other}.") for other in without):
             continue
         entry = known.get(name) or known.get(name.rpartition(".")[0])
-        deviation = KNOWN * abs(float(value)) if entry is None or np.isnan(entry.deviation) else entry.deviation
+        # without a stated deviation the tenth of the value by which `tune.explain` moves it
+        deviation = 0.1 * abs(float(value)) if entry is None or np.isnan(entry.deviation) else entry.deviation
         free = transform.to_free(jnp.asarray(value, float))
         if deviation > 0.0 and np.isfinite(free):
             step = deviation / abs(float(jax.grad(transform.to_natural)(free)))

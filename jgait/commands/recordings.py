@@ -1,6 +1,6 @@
 """Reading a user's file for a command: its format, its units, and the placements of its sensors."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -8,7 +8,7 @@ import typer
 from jaxtyping import PyTree
 
 from jgait import io
-from jgait.commands.console import stop
+from jgait.commands.console import refused, stop
 from jgait.io.formats import columns
 from jgait.io.names import NOT_USED, no_placement
 from jgait.types import PLACEMENTS, Recording, RecordingError, reason_of
@@ -50,7 +50,8 @@ def _in_options(error: RecordingError, options: Mapping[str, str], *names: str) 
     """The error, with the command's option instead of the reader's argument, and without the recording's names."""
     option = options.get(error.argument, error.argument)
     if isinstance(error.value, dict):
-        option += "".join(f" '{sensor}={place}'" for sensor, place in error.value.items())
+        between = "' '" if option.startswith("--") else "; "  # a column has all in its cell
+        option += f" '{between.join(f'{sensor}={place}' for sensor, place in error.value.items())}'"
     elif error.value:
         option += f" {error.value}"
     elif error.argument == "placements":
@@ -61,18 +62,18 @@ def _in_options(error: RecordingError, options: Mapping[str, str], *names: str) 
     return RecordingError(text)
 
 
-def _places(given: list[str] | None) -> dict[str, Any]:
-    """The placement for files of one sensor, and sensor → placement; exits with code 2 for any other text."""
-    pairs = [text.rpartition("=")[::2] for text in given or ()]
+def places_in(texts: Iterable[str]) -> dict[str, Any]:
+    """The placement for files of one sensor, and sensor → placement. Raises ValueError for any other text."""
+    pairs = [text.rpartition("=")[::2] for text in texts]
     for sensor, where in pairs:
         if where not in PLACEMENTS and not (sensor and where == NOT_USED):
-            stop(f"--place: {no_placement(where)}")
+            raise ValueError(no_placement(where))
     alone = [where for sensor, where in pairs if not sensor]
     places = {sensor: where for sensor, where in pairs if sensor}
     if alone and places:
-        stop("--place: give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
+        raise ValueError("give SENSOR=PLACE for each sensor, or a placement alone for files of one sensor; got both")
     if len(alone) > 1:
-        stop(f"--place: without the sensor’s name there can be one placement; got {' and '.join(alone)}")
+        raise ValueError(f"without the sensor’s name there can be one placement; got {' and '.join(alone)}")
     return {"placement": alone[0] if alone else None, "placements": places}
 
 
@@ -128,7 +129,9 @@ def how(
         "rate": rate, "gyr_unit": gyr_unit, "acc_unit": acc_unit, "range_unit": range_unit, "format": format,
         "trial": trial,
     }  # fmt: skip
-    return {name: value for name, value in given.items() if value is not None} | _places(place)
+    with refused("--place: "):
+        places = places_in(place or ())
+    return {name: value for name, value in given.items() if value is not None} | places
 
 
 def only(file: Path, how: Mapping[str, Any]) -> Recording:

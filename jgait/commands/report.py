@@ -25,8 +25,6 @@ from jgait.report.page import Cell, Section, Table, significant
 from jgait.tune import explain as explained_by
 from jgait.types import Estimate, Walk, reason_of
 
-EPILOG = options.epilog()
-
 MOVED = "Against the reference, without the offset at standing"
 """Heading of the errors of angles as README states them."""
 
@@ -49,9 +47,9 @@ def report(
     recording: Annotated[
         str | None, typer.Option(help="Only this recording of --dataset, with its reference in the figures.")
     ] = None,
-    estimator: cohorts.OneEstimator = None,
-    paper: cohorts.Paper = False,
-    params: cohorts.Params = None,
+    estimator: options.OneEstimator = None,
+    paper: options.Paper = False,
+    params: options.Params = None,
     person: options.PersonFile = None,
     height: options.Height = None,
     thigh: options.Thigh = None,
@@ -146,7 +144,6 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str, explain:
         stop(f"{data}: {reason_of(error)}")
     for line in grouped(result.notes):
         note(line)
-    made = job.made._replace(file=data, command=command)
     more: list[Section] = []
     if isinstance(result.made, Analysis):
         first, person = result.made.sources[0], result.made.person
@@ -158,8 +155,10 @@ def of_walk(walk: Walk, job: jobs.EstimateJob, data: str, command: str, explain:
             more = [moves.section(explained_by(estimator, first.params, walk.recording, explain, person=person))]
     more += _moved(result.made.estimate, walk)
     if isinstance(result.made, Analysis):
+        made = reports.Made("all sensors together", file=data, command=command)
         return reports.of_analysis(result.made, walk.recording, reference=walk.reference, made=made, more=more)
-    made = made._replace(params=first.params)
+    pipeline = "the paper's" if job.paper else ""
+    made = reports.Made(job.name, first.params, estimator.params, pipeline, data, command)
     return reports.of_estimate(result.made.estimate, walk.recording, reference=walk.reference, made=made, more=more)
 
 

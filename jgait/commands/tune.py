@@ -8,12 +8,12 @@ import typer
 
 from jgait import io
 from jgait.commands import cohort as cohorts
-from jgait.commands import console, machines, recordings, tune_report, tune_run
+from jgait.commands import console, machines, options, recordings, tune_report, tune_run
 from jgait.commands import preset as presets
-from jgait.commands.cohort_table import COPIED, REFERENCES
+from jgait.commands.cohort_table import COPIED, REFERENCES, Source
 from jgait.commands.console import meant, refused, say_failures, stop
 from jgait.commands.folder import results_folder
-from jgait.commands.pipeline import measures_of, pipeline_of, start_of, tunings
+from jgait.commands.options import measures_of, pipeline_of, start_of, tunings
 from jgait.notes import of_recordings
 from jgait.params import freed, priors
 from jgait.params import names as parameters
@@ -46,12 +46,12 @@ def tune(
     starts: Annotated[int, typer.Option(min=1, help="Number of starting points; the first is as given.")] = 1,
     folds: Annotated[int | None, typer.Option(min=2, help="Groups of people or days; default: each alone.")] = None,
     cross: Annotated[bool, typer.Option("--cross-validation/--no-cross-validation", help="Judge on others.")] = True,
-    estimator: cohorts.EstimatorName = "leg_ekf",
+    estimator: options.EstimatorName = "leg_ekf",
     noise: Annotated[
         str | None, typer.Option(help="Noise model of the zero velocity: constant, log_linear or network.")
     ] = None,
-    paper: cohorts.Paper = False,
-    params: cohorts.Params = None,
+    paper: options.Paper = False,
+    params: options.Params = None,
     gyr_unit: recordings.GyrUnit = None,
     acc_unit: recordings.AccUnit = None,
     seed: cohorts.Seed = 0,
@@ -170,7 +170,7 @@ def _asked(
     return names, weights, judged
 
 
-def _data_of(source: cohorts.Source, made: Lessons, params: Path | None) -> dict[str, Any]:
+def _data_of(source: Source, made: Lessons, params: Path | None) -> dict[str, Any]:
     """What was learned from, for the file of parameters."""
     return {
         "cohort": source.title, "recordings": len(made.names), "people": len(set(made.subjects)),

@@ -12,8 +12,9 @@ from jaxtyping import PyTree
 from jgait import evaluate
 from jgait import tune as tuning
 from jgait.commands import cohort as cohorts
+from jgait.commands.cohort_table import Source
 from jgait.commands.console import Bar, console, count, note, progress, refused, say_flags, stop
-from jgait.commands.pipeline import measures_of
+from jgait.commands.options import measures_of
 from jgait.estimators import Estimator
 from jgait.estimators.proportions import SENSOR_SHARE
 from jgait.evaluate.scores import Scores, score
@@ -33,8 +34,8 @@ COMPARED = {"distance": "distance_m", "stride_length": "stride_length_m", "calib
 
 
 def prepared(
-    source: cohorts.Source, pipeline: Estimator[PyTree, PyTree], failures: list[tuple[str, str]]
-) -> tuple[cohorts.Source, Estimator[PyTree, PyTree]]:
+    source: Source, pipeline: Estimator[PyTree, PyTree], failures: list[tuple[str, str]]
+) -> tuple[Source, Estimator[PyTree, PyTree]]:
     """The cohort without signals, and an estimator that has prepared them; unreadable walks become failures."""
     made: dict[str, PyTree] = {}
     walks = []
@@ -56,7 +57,7 @@ def prepared(
 
 
 def lessons_of(
-    pipeline: Estimator[PyTree, PyTree], source: cohorts.Source, start: PyTree, names: list[str],
+    pipeline: Estimator[PyTree, PyTree], source: Source, start: PyTree, names: list[str],
     failures: list[tuple[str, str]], losses: Sequence[str],
 ) -> Lessons:  # fmt: skip
     """The lessons of the cohort, with the measures of each person; walks whose reference cannot answer a loss are
@@ -107,7 +108,7 @@ def lessons_of(
 
 
 def say_notes(
-    ready: Estimator[PyTree, PyTree], start: PyTree, walks: cohorts.Source, made: Lessons, losses: Collection[str]
+    ready: Estimator[PyTree, PyTree], start: PyTree, walks: Source, made: Lessons, losses: Collection[str]
 ) -> None:
     """Print what is doubtful about the recordings learned from and their references; exits with code 2 if the
     references of all contradict the estimates, as in another unit, in what the losses compare.

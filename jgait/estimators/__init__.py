@@ -1,24 +1,25 @@
 """Published estimators, one package for each method; `get` returns one by name."""
 
-from collections.abc import Callable
+import importlib
 
 from jaxtyping import PyTree
 
-from jgait.estimators import ankle_stride, duty_cycled_gyro, foot_ins, leg_ekf, stride_width_ekf, waist
 from jgait.estimators.about import About
 from jgait.estimators.interface import Estimator, Prepared
 
 __all__ = ["About", "Estimator", "Prepared", "about_of", "get", "names"]
 
-_ESTIMATORS: dict[str, Callable[..., Estimator[PyTree, PyTree]]] = {
-    "leg_ekf": leg_ekf.estimator,
-    "foot_ins": foot_ins.estimator,
-    "stride_width_ekf": stride_width_ekf.estimator,
-    "ankle_stride": ankle_stride.estimator,
-    "waist": waist.estimator,
-    "waist_ofdri": waist.papers_estimator,
-    "duty_cycled_gyro": duty_cycled_gyro.estimator,
+_ESTIMATORS = {
+    "leg_ekf": "leg_ekf.estimator",
+    "foot_ins": "foot_ins.estimator",
+    "stride_width_ekf": "stride_width_ekf.estimator",
+    "ankle_stride": "ankle_stride.estimator",
+    "waist": "waist.estimator",
+    "waist_ofdri": "waist.papers_estimator",
+    "duty_cycled_gyro": "duty_cycled_gyro.estimator",
 }
+"""Name → the package of the method, which is imported when it is asked for, and the function that makes the estimator.
+"""
 
 
 def names() -> tuple[str, ...]:
@@ -39,4 +40,8 @@ def get(name: str, *args: PyTree, **settings: PyTree) -> Estimator[PyTree, PyTre
     """
     if name not in _ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(names())}; got {name!r}")
-    return _ESTIMATORS[name](*args, **settings)
+    package, function = _ESTIMATORS[name].split(".")
+    made: Estimator[PyTree, PyTree] = getattr(importlib.import_module(f"{__name__}.{package}"), function)(
+        *args, **settings
+    )
+    return made

@@ -97,7 +97,7 @@ class StrideFlag(NamedTuple):
     meaning: str  #: effect of the property on the numbers, in a sentence.
     read: Callable[[Estimate], PyTree]  #: estimate → (strides,) bool, or None if the estimate does not contain the flag
     leaves_out: tuple[str, ...] = ()  #: columns of the table of strides in which flagged strides do not count in means.
-    grade: str = "check"  #: severity, see `jgait.report.page.GRADES`.
+    grade: str = "check"  #: severity, see `jgait.io.flags.GRADES`.
 
 
 @record

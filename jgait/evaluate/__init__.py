@@ -27,25 +27,7 @@ from jgait.evaluate.statistics import (
 from jgait.evaluate.store import Cohort
 
 __all__ = [
-    "AGREEMENT",
-    "FIELDS",
-    "Cohort",
-    "DistanceError",
-    "Icc",
-    "Limits",
-    "PairedDifference",
-    "PositionError",
-    "Scores",
-    "Window",
-    "agreement",
-    "cohort",
-    "distance_error",
-    "foot_position_error",
-    "icc21",
-    "judged",
-    "limits_of_agreement",
-    "paired_difference",
-    "trajectory_errors",
-    "with_errors",
-    "yaw_aligned",
-]
+    "AGREEMENT", "FIELDS", "Cohort", "DistanceError", "Icc", "Limits", "PairedDifference", "PositionError", "Scores",
+    "Window", "agreement", "cohort", "distance_error", "foot_position_error", "icc21", "judged", "limits_of_agreement",
+    "paired_difference", "trajectory_errors", "with_errors", "yaw_aligned",
+]  # fmt: skip

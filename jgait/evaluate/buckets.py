@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 
     from jgait.tune import Lessons
 
-WAITING = 3
-"""Recordings that may wait in unfilled buckets [batches]; with more, the fullest bucket runs unfilled."""
-
 
 class CohortJob(NamedTuple):
     """How each recording is read, estimated and scored: arguments of `cohort`."""
@@ -167,7 +164,7 @@ def _full(job: CohortJob, items: Iterable[tuple[str, PyTree]], failures: list[Fa
             bucket.append(recording)
             if len(bucket) == job.batch:
                 yield waiting.pop(recording.bucket)
-            elif sum(map(len, waiting.values())) >= WAITING * job.batch:
+            elif sum(map(len, waiting.values())) >= 3 * job.batch:  # the fullest runs unfilled, for the memory
                 yield waiting.pop(max(waiting, key=lambda key: len(waiting[key])))
     yield from waiting.values()
 

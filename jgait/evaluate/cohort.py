@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import __version__
+from jgait.dask import DIED, on_dask
 from jgait.estimators.interface import Estimator
 from jgait.evaluate import scores
 from jgait.evaluate.buckets import CohortJob, Failed, checked_mesh, evaluated, tables
 from jgait.evaluate.scores import Scores
 from jgait.evaluate.store import Cohort, Folder, joined
 from jgait.params import check_params
-from jgait.tune.dask import DIED, on_dask
 from jgait.types import Estimate, Recording, Walk
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from jgait.geometry.matching import aligned_error
+from jgait.geometry.matching import aligned_error, common_samples
 from jgait.types import SIDES, Estimate, as_float
 
 if TYPE_CHECKING:
@@ -41,26 +41,6 @@ class PositionError(NamedTuple):
 
     plan: float  #: in the horizontal plane, after the best-fitting turn about the vertical and shift.
     height: float  #: in height, after the best-fitting shift.
-
-
-def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
-    """Which samples (T,) of the reference are valid and lie between valid samples of the estimate. Raises ValueError if
-    there is none, or times do not increase.
-    """
-    ours, theirs = as_float(estimate.time), as_float(reference.time)
-    valid = np.asarray(estimate.valid, bool)
-    for name, time in (("estimate", ours), ("reference", theirs)):
-        # an estimate at single instants may have two values at one instant
-        if time.ndim != 1 or time.size < 2 or not np.all(np.diff(time) >= 0) or time[-1] == time[0]:
-            raise ValueError(f"the {name}'s time must be (T,) with T >= 2 and must not run backwards")
-    inside = np.interp(theirs, ours, valid.astype(float), left=0.0, right=0.0) > 1.0 - 1e-9
-    common = inside & np.asarray(reference.valid, bool)
-    if not common.any():
-        raise ValueError(
-            f"estimate and reference have no valid time in common; the estimate spans {ours[0]:g} to {ours[-1]:g} s, "
-            f"the reference {theirs[0]:g} to {theirs[-1]:g} s"
-        )
-    return common
 
 
 def _samples(reference: Estimate, common: np.ndarray, window: Window, name: str) -> np.ndarray:

@@ -8,8 +8,8 @@ from jaxtyping import PyTree
 from jgait.estimators.stride_flags import STRIDE_COLUMNS, STRIDE_FLAGS, as_far, regular
 from jgait.estimators.walking import durations
 from jgait.evaluate.clocks import clock_notes
-from jgait.evaluate.errors import common_samples, foot_position_error, leg_errors
-from jgait.geometry.matching import matched, span
+from jgait.evaluate.errors import foot_position_error, leg_errors
+from jgait.geometry.matching import common_samples, matched, span
 from jgait.notes import Kind, Note, record
 from jgait.types import SIDES, Estimate, Strides, Walk, as_float
 

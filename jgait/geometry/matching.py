@@ -1,13 +1,33 @@
-"""An estimate beside its reference: which strides are the same, and the turn and shift between two paths.
+"""An estimate beside its reference: common samples, which strides are the same, the turn and shift between two paths.
 
-By NumPy or JAX, as the arrays are.
+Strides and paths by NumPy or JAX, as the arrays are.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jgait.geometry.arrays import xp
-from jgait.types import AnyArray, Strides, Values
+from jgait.types import AnyArray, Estimate, Strides, Values, as_float
+
+
+def common_samples(estimate: Estimate, reference: Estimate) -> np.ndarray:
+    """Which samples (T,) of the reference are valid and lie between valid samples of the estimate. Raises ValueError if
+    there is none, or times do not increase.
+    """
+    ours, theirs = as_float(estimate.time), as_float(reference.time)
+    valid = np.asarray(estimate.valid, bool)
+    for name, time in (("estimate", ours), ("reference", theirs)):
+        # an estimate at single instants may have two values at one instant
+        if time.ndim != 1 or time.size < 2 or not np.all(np.diff(time) >= 0) or time[-1] == time[0]:
+            raise ValueError(f"the {name}'s time must be (T,) with T >= 2 and must not run backwards")
+    inside = np.interp(theirs, ours, valid.astype(float), left=0.0, right=0.0) > 1.0 - 1e-9
+    common = inside & np.asarray(reference.valid, bool)
+    if not common.any():
+        raise ValueError(
+            f"estimate and reference have no valid time in common; the estimate spans {ours[0]:g} to {ours[-1]:g} s, "
+            f"the reference {theirs[0]:g} to {theirs[-1]:g} s"
+        )
+    return common
 
 
 def span(strides: Strides, standing: bool) -> tuple[Values, Values]:

@@ -245,7 +245,7 @@ class Results:
         for joint, pair in joint_ranges(estimate).items():
             if pair is not None:
                 usable = bool(estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True))
-                text = f"{pair[0]:z.0f} … {pair[1]:z.0f} °"
+                text = f"{pair[0]:z.0f} … {pair[1]:z.0f} °".replace("-", "−")
                 totals.append(Total(joint, text, "joint angles", usable=usable))
         return totals if self.analysis is None else [self._with_source(self.analysis, total) for total in totals]
 

@@ -1,7 +1,8 @@
 """Figures of estimates and their reference, readable in grey, with units.
 
 Every function makes a new matplotlib figure and returns it; `save` writes it to a file. This package contains all
-figures of the library. Functions for the papers' figures of data:
+figures of the library; the module of a figure is imported when the figure is asked for. Functions for the papers'
+figures of data:
 
 | paper | figure | call |
 |---|---|---|
@@ -16,39 +17,43 @@ figures of the library. Functions for the papers' figures of data:
 `experiments` draws what only a paper shows: Udaya Shankar's Figures 5, 6 and 7, Köse's Figure 4, and Silva's Figure 3.
 """
 
-from jgait.plot.cohort import before_after, bland_altman, per_subject
-from jgait.plot.duty import sleeping_gyroscopes
-from jgait.plot.explain import explanation, study
-from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series, two_feet
-from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
-from jgait.plot.signals import signals
-from jgait.plot.style import save
-from jgait.plot.tuning import correlation, profile, training
-from jgait.plot.waist import trunk_contacts
-from jgait.plot.walk import stick_figure, stride_signals
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jgait.plot.cohort import before_after, bland_altman, per_subject
+    from jgait.plot.duty import sleeping_gyroscopes
+    from jgait.plot.explain import explanation, study
+    from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series, two_feet
+    from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
+    from jgait.plot.style import save
+    from jgait.plot.tuning import correlation, profile, training
+    from jgait.plot.waist import trunk_contacts
+    from jgait.plot.walk import signals, stick_figure, stride_signals
 
 __all__ = [
-    "before_after",
-    "bland_altman",
-    "correlation",
-    "distance",
-    "explanation",
-    "foot_displacement",
-    "foot_height",
-    "foot_path",
-    "foot_paths",
-    "joint_angles",
-    "leg_strides",
-    "per_subject",
-    "profile",
-    "save",
-    "signals",
-    "sleeping_gyroscopes",
-    "stick_figure",
-    "stride_series",
-    "stride_signals",
-    "study",
-    "training",
-    "trunk_contacts",
+    "before_after", "bland_altman", "correlation", "distance", "explanation", "foot_displacement", "foot_height",
+    "foot_path", "foot_paths", "joint_angles", "leg_strides", "per_subject", "profile", "save", "signals",
+    "sleeping_gyroscopes", "stick_figure", "stride_series", "stride_signals", "study", "training", "trunk_contacts",
     "two_feet",
-]
+]  # fmt: skip
+
+_FIGURES = {
+    "cohort": ("before_after", "bland_altman", "per_subject"),
+    "duty": ("sleeping_gyroscopes",),
+    "explain": ("explanation", "study"),
+    "feet": ("foot_height", "foot_paths", "leg_strides", "stride_series", "two_feet"),
+    "legs": ("distance", "foot_displacement", "foot_path", "joint_angles"),
+    "style": ("save",),
+    "tuning": ("correlation", "profile", "training"),
+    "waist": ("trunk_contacts",),
+    "walk": ("signals", "stick_figure", "stride_signals"),
+}
+"""Module → its figures."""
+
+
+def __getattr__(name: str) -> Any:
+    for module, figures in _FIGURES.items():
+        if name in figures:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -11,19 +11,11 @@ from jgait.types import numbered_people, people
 if TYPE_CHECKING:
     import pandas as pd
 
-FEW = 8
-"""Largest number of subjects with different marks."""
-
 MARKS = (
     ("o", "#1b1b1b"), ("s", RED), ("^", BLUE), ("D", "#8a6d00"),
     ("v", "#707070"), ("P", "#8e2f86"), ("X", "#1d6f42"), ("<", "#d98a2b"),
 )  # fmt: skip
-"""Shape and colour of the marks of up to `FEW` subjects; all shapes differ."""
-
-HALF: Style = {"color": "0.45", "solid_capstyle": "butt"}
-MEDIAN: Style = {"marker": "o", "color": "white", "markeredgecolor": "black", "markersize": 5.5, "linestyle": "none"}
-WORST: Style = {"marker": "|", "color": RED, "markersize": 9.0, "markeredgewidth": 2.0, "linestyle": "none"}
-MANY: Style = {"marker": "o", "color": "0.35", "alpha": 0.45}
+"""Shape and colour of the marks of the first subjects; all shapes differ."""
 
 
 def _unit(text: str, unit: str) -> str:
@@ -45,7 +37,7 @@ def bland_altman(table: "pd.DataFrame", quantity: str, *, unit: str = "") -> Fig
     """Difference against mean of estimate and reference, with bias and limits of agreement and their intervals.
 
     The table is long, with columns `quantity`, `estimate`, `reference` and `subject`, as `jgait.evaluate.agreement`
-    takes it; rows of one subject are repeated measurements, rows that are not finite are left out. Up to `FEW` subjects
+    takes it; rows of one subject are repeated measurements, rows that are not finite are left out. Up to eight subjects
     are marked in different shapes and colours. Raises ValueError if a column or the quantity is missing, or there are
     fewer than two subjects.
     """
@@ -62,14 +54,14 @@ def bland_altman(table: "pd.DataFrame", quantity: str, *, unit: str = "") -> Fig
     axis.set_ylim(ends[:2].min() - room, ends[2:].max() + room)
     _limits(axis, limits, unit)
     size = 26.0 if len(rows) < 300 else 12.0
-    if count <= FEW:
+    if count <= len(MARKS):
         for code, (name, (marker, color)) in enumerate(zip(names, MARKS, strict=False)):
             of_subject = codes == code
             style: Style = {"marker": marker, "color": color, "alpha": 0.85, "label": name}
             axis.scatter(mean[of_subject], difference[of_subject], s=size, linewidths=0, **style)
         figure.legend(loc="outside right upper", fontsize=8, title="subject", title_fontsize=8, frameon=False)
     else:
-        axis.scatter(mean, difference, s=size, linewidths=0, **MANY)
+        axis.scatter(mean, difference, s=size, linewidths=0, marker="o", color="0.35", alpha=0.45)
     axis.set_xlabel(_unit(f"{quantity}: mean of estimate and reference", unit))
     axis.set_ylabel(_unit("estimate − reference", unit))
     axis.set_title(f"{len(rows)} measurements of {count} subjects", fontsize=10)
@@ -112,9 +104,9 @@ def per_subject(table: "pd.DataFrame", quantity: str, *, unit: str = "", title: 
         label = {} if row else {"half": "middle half", "median": "median", "worst": "worst"}
         if several:
             axis.plot([sizes[name].min(), sizes[name].max()], [row, row], color="0.7", linewidth=1.0)
-            axis.plot([low, high], [row, row], linewidth=5.0, label=label.get("half"), **HALF)
-        axis.plot(middle, row, label=label.get("median"), **MEDIAN)
-        axis.plot(sizes[name].max(), row, label=label.get("worst"), **WORST)
+            axis.plot([low, high], [row, row], "0.45", linewidth=5.0, label=label.get("half"), solid_capstyle="butt")
+        axis.plot(middle, row, "ow", markeredgecolor="black", markersize=5.5, label=label.get("median"))
+        axis.plot(sizes[name].max(), row, "|", color=RED, markersize=9.0, markeredgewidth=2.0, label=label.get("worst"))
     whole = float(np.median([np.median(values) for values in sizes.values()]))
     axis.axvline(whole, zorder=0, label="median of the subjects' medians", **REFERENCE)
     axis.set_xlim(left=0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
-from jgait.plot.style import BLUE, DEGREES, GROUND, Axes, Figure, Seconds, Style, band, legend, panels, windowed
+from jgait.plot.style import BLUE, GROUND, Axes, Figure, Seconds, Style, band, legend, panels, windowed
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, as_float
 
@@ -14,10 +14,6 @@ RATES: tuple[tuple[int, str, Style], ...] = (
     (HELD, "held, not used", {"color": "#2e86c1", "linewidth": 1.3, "linestyle": (0, (1, 1.5))}),
 )
 """Origin of a sample, its name and its line; the lines differ in width, dashes and colour."""
-
-ANGLES: dict[str, Style] = {
-    "hip": {"color": BLUE, "linewidth": 1.6}, "knee": {"color": "#5b2c83", "linewidth": 1.1},
-}  # fmt: skip
 
 
 def sleeping_gyroscopes(estimate: Estimate, *, seconds: Seconds = None, title: str = "") -> Figure:
@@ -73,19 +69,21 @@ def _angles(axis: Axes, estimate: Estimate, side: str, worn: list[str], part: np
     time, diagnostics = as_float(estimate.time)[part], estimate.diagnostics
     asleep = np.any([np.asarray(diagnostics[f"how_{name}"])[part] != MEASURED for name in worn], axis=0)
     shade_sleep(axis, time, asleep)
+    hip: Style = {"color": BLUE, "linewidth": 1.6}
+    knee: Style = {"color": "#5b2c83", "linewidth": 1.1}
     leg = getattr(estimate.legs, side)
     if leg is None:
-        lines = [(f"{name.split('_')[0]} angle", ANGLES["knee"], diagnostics[f"angle_{name}"],
+        lines = [(f"{name.split('_')[0]} angle", knee, diagnostics[f"angle_{name}"],
                   diagnostics[f"angle_stddev_{name}"]) for name in worn]  # fmt: skip
         axis.set_ylabel("angle [°]")
     else:
         spread = None if estimate.stddev is None else getattr(estimate.stddev, side)
         lines = [(f"{joint} flexion", style, getattr(leg, f"{joint}_angle"), getattr(spread, f"{joint}_angle", None))
-                 for joint, style in ANGLES.items()]  # fmt: skip
+                 for joint, style in (("hip", hip), ("knee", knee))]  # fmt: skip
         axis.set_ylabel("flexion [°]")
     valid = np.asarray(estimate.valid, bool)[part]
     for word, style, values, deviation in lines:
-        angle = np.where(valid, DEGREES * as_float(values)[part], np.nan)
+        angle = np.where(valid, np.rad2deg(as_float(values)[part]), np.nan)
         if deviation is not None:
-            band(axis, time, angle, DEGREES * as_float(deviation)[part], label=None, color=style["color"], alpha=0.22)
+            band(axis, time, angle, np.rad2deg(as_float(deviation)[part]), label=None, color=style["color"], alpha=0.22)
         axis.plot(time, angle, label=f"{word}, ±2σ" if deviation is not None else word, **style)

@@ -4,13 +4,14 @@ from typing import TYPE_CHECKING
 
 from jgait.estimators.columns import QUANTITIES
 from jgait.plot.style import BLUE, RED, Figure, single
-from jgait.tune import Explanation
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from jgait.tune import Explanation
 
-def explanation(explained: Explanation, *, title: str = "") -> Figure:
+
+def explanation(explained: "Explanation", *, title: str = "") -> Figure:
     """Bars of the effects of each assumption on a number, the largest first; see `jgait.tune.explain`."""
     rows = [a for a in explained.assumptions if a.share >= 5e-4][:10]
     figure, axis = single(6.5, 0.9 + 0.3 * max(len(rows), 1))

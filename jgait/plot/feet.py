@@ -11,19 +11,13 @@ import numpy as np
 
 from jgait.estimators import stride_flags
 from jgait.estimators.columns import COLUMNS, Column
-from jgait.evaluate.errors import common_samples, yaw_aligned
+from jgait.geometry.matching import aligned_error, common_samples
 from jgait.io.strides import strides_to_dataframe
 from jgait.plot.style import FOOT, FOOTHOLD, RED, Axes, Figure, Seconds, Style, legend, panels, single, windowed
 from jgait.types import SIDES, Estimate, FootTrajectory, as_float
 
 if TYPE_CHECKING:
     import pandas as pd
-
-REFERENCE: dict[str, Style] = {
-    "right": {"color": "#7b1d12", "linewidth": 1.0, "linestyle": (0, (5, 2))},
-    "left": {"color": RED, "linewidth": 1.1, "linestyle": (0, (1, 1.4))},
-}
-ACROSS: Style = {"color": RED, "linewidth": 0.9}
 
 
 def feet_of(estimate: Estimate) -> dict[str, FootTrajectory]:
@@ -86,8 +80,9 @@ def foot_paths(estimate: Estimate, reference: Estimate | None = None, *, title: 
             common = common_samples(estimate, reference)
             ours = places_at(estimate, foot, as_float(reference.time)[common])
             fitted = np.full((common.size, 3), np.nan)
-            fitted[common] = yaw_aligned(as_float(known.position)[common], ours)
-            axis.plot(fitted[:, 0], fitted[:, 1], label=f"reference, {side}", **REFERENCE[side])
+            fitted[common] = ours + aligned_error(as_float(known.position)[common], ours, np.ones(len(ours), bool))
+            style = {"color": "#7b1d12", "dashes": (5, 2)} if side == "right" else {"color": RED, "dashes": (1, 1.4)}
+            axis.plot(fitted[:, 0], fitted[:, 1], label=f"reference, {side}", linewidth=1.0, **style)
     plan_of(axis)
     legend(figure, title, columns=5)
     return figure
@@ -158,7 +153,7 @@ def _series(estimate: Estimate, columns: Sequence[str], part: str, title: str) -
         when, values = _when(table), column.scale * table[column.name]
         for name, flags in marked.items():
             if (there := flags & values.notna()).any():
-                axis.plot(when[there], values[there], **RING, **SPECIAL[name])
+                axis.plot(when[there], values[there], **SPECIAL[name])
         if joined:
             axis.margins(y=0.15)
             if column.quantity in ("stride_height", "turn"):
@@ -194,9 +189,11 @@ def series_of(
             axis.plot(times, heights, color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
 
 
-RING: Style = {"linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4}
 SPECIAL: dict[str, Style] = {
-    flag.name: {"marker": marker, "markersize": size, "markeredgewidth": width, "label": flag.label}
+    flag.name: {
+        "marker": marker, "markersize": size, "markeredgewidth": width, "label": flag.label,
+        "linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4,
+    }
     for flag, marker, size, width in (
         (stride_flags.TURNING, "D", 10, 1.0), (stride_flags.STAIRS, "^", 12, 1.0), (stride_flags.CLIPPED, "x", 9, 1.4),
         (stride_flags.HALF, "s", 8, 1.0), (stride_flags.UNEVEN_DURATION, "p", 13, 1.0),
@@ -310,7 +307,7 @@ def _draw(axis: Axes, estimate: Estimate, widths: list[tuple[float, np.ndarray]]
     named = "width" if part is None else None
     for time, line in widths:
         if part is None or part[0] <= time <= part[1]:
-            axis.plot(*(turn @ (line - origin).T), label=named, **ACROSS)
+            axis.plot(*(turn @ (line - origin).T), label=named, color=RED, linewidth=0.9)
             named = None
 
 

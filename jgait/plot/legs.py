@@ -4,7 +4,6 @@ import jax
 import numpy as np
 
 from jgait.plot.style import (
-    DEGREES,
     ESTIMATE,
     RED,
     REFERENCE,
@@ -20,13 +19,6 @@ from jgait.plot.style import (
     windowed,
 )
 from jgait.types import SIDES, Estimate, LegTrajectory, as_float
-
-FIELDS = (
-    ("hip_angle", "hip flexion [°]", DEGREES),
-    ("knee_angle", "knee flexion [°]", DEGREES),
-    ("x", "ankle forward of hip [cm]", 100.0),
-    ("y", "ankle above hip [cm]", 100.0),
-)
 
 
 def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | None]]:
@@ -59,21 +51,23 @@ def joint_angles(
     The window `seconds` is from and to [s]. Legs whose angles are not usable are marked "do not use". Raises ValueError
     if the estimate has no joint angles, or none in the window.
     """
-    return _over_time(estimate, reference, FIELDS[:2], seconds, title)
+    angles = {"hip_angle": "hip flexion [°]", "knee_angle": "knee flexion [°]"}
+    return _over_time(estimate, reference, angles, float(np.rad2deg(1.0)), seconds, title)
 
 
 def foot_displacement(
     estimate: Estimate, reference: Estimate | None = None, *, seconds: Seconds = None, title: str = ""
 ) -> Figure:
     """Position of each ankle relative to the hip over time; as `joint_angles`."""
-    return _over_time(estimate, reference, FIELDS[2:], seconds, title)
+    positions = {"x": "ankle forward of hip [cm]", "y": "ankle above hip [cm]"}
+    return _over_time(estimate, reference, positions, 100.0, seconds, title)
 
 
 def _over_time(
-    estimate: Estimate, reference: Estimate | None, fields: tuple[tuple[str, str, float], ...], seconds: Seconds,
+    estimate: Estimate, reference: Estimate | None, fields: dict[str, str], scale: float, seconds: Seconds,
     title: str,
 ) -> Figure:  # fmt: skip
-    """A figure with a row for each field of the legs' trajectories and a column for each leg."""
+    """A figure with a row for each field of the legs' trajectories (→ label), times a scale; a column for each leg."""
     if seconds is not None:
         check_overlap(estimate.time, seconds)
     estimate, reference = _shown(estimate, seconds), None if reference is None else _shown(reference, seconds)
@@ -81,14 +75,14 @@ def _over_time(
     figure, axes = panels(len(fields), len(worn), 5.2 * len(worn) + 0.6, 5.6, sharey="row")
     for column, (side, leg, spread) in zip(axes.T, worn, strict=True):
         true = None if reference is None else getattr(reference.legs, side)
-        for axis, (field, unit, scale) in zip(column, fields, strict=True):
+        for axis, (field, label) in zip(column, fields.items(), strict=True):
             value = scale * getattr(leg, field)
             if spread is not None:
                 band(axis, estimate.time, value, scale * getattr(spread, field), color="#f0b7b0")
             if reference is not None and true is not None:
                 axis.plot(reference.time, scale * getattr(true, field), label="reference", **REFERENCE)
             axis.plot(estimate.time, value, label="jgait", **ESTIMATE)
-            axis.set_ylabel(unit)
+            axis.set_ylabel(label)
             axis.tick_params(labelleft=True)
         _name(column[0], estimate, side)
         column[-1].set_xlabel("time [s]")

@@ -27,12 +27,16 @@ type Style = dict[str, Any]
 type Seconds = tuple[float, float] | None
 """From and to [s]; None: everything."""
 
-DEGREES = 180.0 / np.pi
 RED, BLUE = "#c0392b", "#6fb1e0"
 DASHED = (0, (4, 2))
+"""Dashes of references and limits [widths of the line]."""
 
 ESTIMATE: Style = {"color": RED, "linewidth": 1.4}
+"""Line of an estimate."""
+
 REFERENCE: Style = {"color": "black", "linewidth": 1.2, "linestyle": DASHED}
+"""Line of a reference."""
+
 AXES: tuple[Style, ...] = (
     {"color": "black", "linewidth": 1.3, "linestyle": "-"},
     {"color": RED, "linewidth": 1.3, "linestyle": (0, (4, 1.5))},

@@ -16,13 +16,6 @@ if TYPE_CHECKING:
     from jgait.tune.identifiability import Identifiability
     from jgait.tune.profile import Profile
 
-REJECTED: Style = {"marker": "x", "color": "black", "markersize": 6.0, "markeredgewidth": 1.4, "linestyle": "none"}
-VALIDATION: Style = {"color": "black", "marker": "o", "markersize": 3.5, "linewidth": 1.0, "linestyle": DASHED}
-BEST: Style = {
-    "marker": "D", "color": "white", "markeredgecolor": "black", "markeredgewidth": 1.6, "markersize": 8.0,
-    "linestyle": "none", "zorder": 5,
-}  # fmt: skip
-
 
 def _plain(axis: "Axis") -> None:
     """Label a logarithmic axis with numbers; powers of ten would need formulas, which `style.save` does not draw."""
@@ -101,15 +94,18 @@ def training(fit: "Fit[PyTree]", *, title: str = "") -> Figure:
     for axis, values, name in ((axes[0, 0], fit.losses, "loss"), (axes[1, 0], norms, "gradient norm")):
         axis.plot(steps, values, label=name, **ESTIMATE)
         if rejected.any():
-            axis.plot(steps[rejected], np.asarray(values)[rejected], label=f"taken back ({rejected.sum()})", **REJECTED)
+            cross: Style = {"markersize": 6.0, "markeredgewidth": 1.4, "label": f"taken back ({rejected.sum()})"}
+            axis.plot(steps[rejected], np.asarray(values)[rejected], "kx", **cross)
         axis.grid(alpha=0.3)
     looked = np.isfinite(validation)
     # The validation loss is computed after each step. Without validation items it equals the loss and is not drawn.
     if looked.any() and not np.array_equal(validation[:-1], np.asarray(fit.losses, float)[1:]):
-        axes[0, 0].plot(steps[looked] + 1, validation[looked], label="validation", **VALIDATION)
+        dots: Style = {"linestyle": DASHED, "linewidth": 1.0, "markersize": 3.5, "label": "validation"}
+        axes[0, 0].plot(steps[looked] + 1, validation[looked], "ko", **dots)
     judged = np.append(fit.losses[0], validation) if looked.any() else np.append(fit.losses, fit.best_loss)
     best = int(np.nanargmin(np.abs(judged - fit.best_loss)))
-    axes[0, 0].plot([best], [fit.best_loss], label=f"best: step {best}", **BEST)
+    diamond: Style = {"markeredgecolor": "black", "markeredgewidth": 1.6, "markersize": 8.0, "zorder": 5}
+    axes[0, 0].plot([best], [fit.best_loss], "Dw", label=f"best: step {best}", **diamond)
     axes[0, 0].set_ylabel("loss")
     axes[1, 0].set_ylabel("gradient norm\nin free coordinates")
     if np.nanmax(norms, initial=0.0) > 8.0 * np.nanmin(norms, initial=np.inf):

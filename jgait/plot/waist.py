@@ -8,18 +8,11 @@ from jax import Array
 
 from jgait.estimators.programs import bucket, compiled
 from jgait.events.trunk import PAPER_RATE, PaperRule, Peaks, details, initial_contacts
-from jgait.plot.style import BLUE, FOOTHOLD, GROUND, Figure, Style, legend, panels, windowed
+from jgait.plot.style import FOOT, FOOTHOLD, GROUND, Figure, Style, legend, panels, windowed
 from jgait.types import SIDES, Estimate, as_float
 
-RAW: Style = {"color": "0.6", "linewidth": 1.0}
-REBUILT: Style = {"color": "black", "linewidth": 1.9}
 INTEREST: Style = {"color": "0.91", "label": "interval of interest", **GROUND}
-CONTACT: dict[str, Style] = {
-    "right": {"color": "black", "linewidth": 1.0, "zorder": 1.5},
-    "left": {"color": BLUE, "linewidth": 1.5, "linestyle": (0, (5, 1.5)), "zorder": 1.5},
-}
 RULE = PaperRule()
-ROWS = ((0, "forward [m/s²]"), (2, "upward [m/s²]"), (1, "to the left [m/s²]"))
 
 
 def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "") -> Figure:
@@ -39,18 +32,19 @@ def trunk_contacts(estimate: Estimate, *, wavelet: bool = True, title: str = "")
     first, last = max(float(time[0]), middle - 2.0), min(float(time[-1]), middle + 2.0)
     at, rebuilt, peaks = _wavelet(time, trunk) if wavelet else (np.zeros(0), trunk[:0], np.zeros(0))
     kept, fine = (windowed(t, (first, last)) for t in (time, at))
-    figure, axes = panels(len(ROWS), 1, 8.8, 6.8, sharex=True)
+    figure, axes = panels(3, 1, 8.8, 6.8, sharex=True)
     for peak in peaks:
         axes[0, 0].axvspan(peak - RULE.before, peak + RULE.after, **INTEREST)
-    for axis, (column, unit) in zip(axes[:, 0], ROWS, strict=True):
+    rows = ((0, "forward [m/s²]"), (2, "upward [m/s²]"), (1, "to the left [m/s²]"))
+    for axis, (column, unit) in zip(axes[:, 0], rows, strict=True):
         raw = trunk[:, column]
-        axis.plot(time[kept], raw[kept], label="acceleration", **RAW)
+        axis.plot(time[kept], raw[kept], color="0.6", linewidth=1.0, label="acceleration")
         if wavelet:
-            axis.plot(at[fine], rebuilt[fine, column], label="its wavelet details", **REBUILT)
+            axis.plot(at[fine], rebuilt[fine, column], color="black", linewidth=1.9, label="its wavelet details")
         for side, times in contacts.items():
             of_side = times[windowed(times, (first, last))]
             for when in of_side:
-                axis.axvline(when, **CONTACT[side])
+                axis.axvline(when, zorder=1.5, **FOOT[side], linestyle="-" if side == "right" else (0, (5, 1.5)))
             axis.plot(of_side, np.interp(of_side, time, raw), label=f"{side} contact", zorder=3.0,
                       **{**FOOTHOLD[side], "markersize": 6.0})  # fmt: skip
         axis.set_ylabel(unit)

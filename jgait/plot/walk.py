@@ -1,4 +1,4 @@
-"""Figures of a simulated walk: an animated stick figure of the body, and all sensor signals of one stride."""
+"""The signals of a recording; and of a simulated walk an animated stick figure, and all signals of one stride."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,21 +10,50 @@ from jgait.geometry.segments import in_world
 from jgait.geometry.vectors import Vector
 from jgait.io.atomic import replaced
 from jgait.plot.style import AXES, Axes, Figure, Style, blank, legend, panels
-from jgait.types import PLACEMENTS, SIDES, Recording, Strides
+from jgait.types import PLACEMENTS, SIDES, Recording, Strides, as_float
 
 if TYPE_CHECKING:
     from matplotlib.animation import FuncAnimation
 
     from jgait.simulate import Body, Truth
 
-LEG: dict[str, Style] = {"right": {"color": "black", "linewidth": 2.6}, "left": {"color": "0.62", "linewidth": 2.6}}
-PELVIS = {"color": "0.3", "linewidth": 2.6}
+BODY: dict[str, Style] = {
+    "right": {"color": "black", "linewidth": 2.6}, "left": {"color": "0.62", "linewidth": 2.6},
+    "pelvis": {"color": "0.3", "linewidth": 2.6},
+}  # fmt: skip
+"""Line of each leg and of the pelvis."""
 
 FRAMES_HZ = 25.0
-"""[Hz] Frames of the animation per second."""
+"""[Hz] Frames of the animation per second; chosen by hand."""
 
-CONTACTS = (("initial contact", "-"), ("final contact", (0, (1, 1.5))))
 SIGNALS = (("gyr", "angular rate [rad/s]"), ("acc", "specific force [m/s²]"))
+
+
+def signals(recording: Recording, *, title: str = "") -> Figure:
+    """A row for each sensor: its angular rates [deg/s] and specific forces [m/s²] over time; masked samples are gaps.
+    Raises ValueError if the recording has no sensor.
+    """
+    if not recording.sensors:
+        raise ValueError("a figure of signals needs a sensor; the recording has none")
+    figure, axes = blank(len(recording.sensors), 2, 12.0, 1.0 + 1.7 * len(recording.sensors), sharex=True)
+    for (left, right), (name, imu) in zip(axes, recording.sensors.items(), strict=True):
+        lost = ~np.asarray(imu.mask, bool)[:, None]
+        left.set_ylabel(name.replace("_", " "))
+        for panel, values in ((left, np.rad2deg(as_float(imu.gyr))), (right, imu.acc)):
+            if values is None:
+                panel.set_axis_off()
+                continue
+            known = np.where(lost, np.nan, as_float(values))
+            for column, axis, line in zip(known.T, "xyz", AXES, strict=True):
+                panel.plot(as_float(imu.time), column, **(line | {"linewidth": 0.8}), label=axis)
+            panel.grid(alpha=0.3)
+    axes[0, 0].set_title("angular rate [deg/s]")
+    axes[0, 1].set_title("specific force [m/s²]")
+    axes[0, 0].legend(ncols=3, fontsize="small", loc="upper right")
+    for panel in axes[-1]:
+        panel.set_xlabel("time [s]")
+    figure.suptitle(title)
+    return figure
 
 
 def stick_figure(truth: "Truth", path: str | Path | None = None) -> "FuncAnimation":
@@ -73,8 +102,7 @@ def _stage(axes: np.ndarray, lines: dict[str, np.ndarray]) -> tuple[dict[tuple[i
     ):
         # The part nearest to the viewer is drawn last: in the side view the right leg.
         for part in ("left", "pelvis", "right"):
-            style = LEG.get(part, PELVIS)
-            (drawn[view, part],) = axis.plot([], [], solid_capstyle="round", solid_joinstyle="round", **style)
+            (drawn[view, part],) = axis.plot([], [], solid_capstyle="round", solid_joinstyle="round", **BODY[part])
         axis.set_aspect("equal")
         wide = max(high[view], -low[view])
         axis.set_xlim(-wide, wide)
@@ -86,7 +114,7 @@ def _stage(axes: np.ndarray, lines: dict[str, np.ndarray]) -> tuple[dict[tuple[i
     axes[1].set_title("from the front", fontsize=10)
     axes[1].tick_params(labelleft=False)
     for side in SIDES:
-        axes[0].plot([], [], label=f"{side} leg", **LEG[side])
+        axes[0].plot([], [], label=f"{side} leg", **BODY[side])
     axes[0].legend(loc="upper left", fontsize=8, framealpha=0.9)
     label = axes[1].text(0.97, 0.97, "", transform=axes[1].transAxes, ha="right", va="top", fontsize=9)
     return drawn, label
@@ -162,7 +190,8 @@ def _contacts(axis: Axes, strides: Strides, stride: int) -> None:
     for side in (1 - leg, leg):
         color = "0.25" if side == leg else "0.7"
         mine = rows[np.asarray(strides.side)[rows] == side]
-        for (name, dashes), times in zip(CONTACTS, (strides.end, strides.final_contact), strict=True):
+        each = (("initial contact", "-", strides.end), ("final contact", (0, (1, 1.5)), strides.final_contact))
+        for name, dashes, times in each:
             style: Style = {"color": color, "linewidth": 1.1, "linestyle": dashes, "label": f"{name}, {SIDES[side]}"}
             for time in np.asarray(times)[mine]:
                 if start - 1e-9 <= time <= end + 1e-9:

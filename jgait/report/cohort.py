@@ -16,24 +16,13 @@ from jgait.estimators import about_of
 from jgait.estimators.stride_flags import STRIDE_COLUMNS
 from jgait.evaluate import Cohort
 from jgait.evaluate.store import REGULAR, read_table
+from jgait.io import flags
+from jgait.io.flags import Flag, without_folders
 from jgait.io.write import from_cells
 from jgait.notes import SEVERITIES, Note, from_json, grouped, listed, of_recordings, resolved
 from jgait.plot import cohort as plot_cohort
-from jgait.report import flags
 from jgait.report.made import Made
-from jgait.report.page import (
-    Cell,
-    Flag,
-    Picture,
-    Report,
-    Section,
-    Table,
-    cell,
-    number,
-    picture,
-    significant,
-    without_folders,
-)
+from jgait.report.page import Cell, Picture, Report, Section, Table, cell, number, picture, significant
 from jgait.report.recording import readable
 
 if TYPE_CHECKING:

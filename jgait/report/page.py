@@ -6,7 +6,6 @@ import html
 import io
 import math
 import os
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jgait import __version__
 from jgait.io.atomic import write_text
+from jgait.io.flags import GRADES, Flag
 from jgait.notes import printable
 from jgait.plot.style import ready
 from jgait.types import Values
@@ -25,21 +25,6 @@ if TYPE_CHECKING:
 
 LARGEST_SVG = 150_000
 """[bytes] Largest SVG drawing; larger drawings, with tens of thousands of points, are stored as pixels."""
-
-FOLDERS = re.compile(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\])+(?=[^\s/\\])")
-
-
-class Flag(NamedTuple):
-    """A fact that a reader should know before using a number: its grade of `GRADES`, text in lines, and its meaning."""
-
-    grade: str
-    text: str
-    meaning: str
-    measure: str = ""  #: what alone a "stop" makes unusable; empty: all results.
-
-
-GRADES = {"stop": "Do not use", "check": "Check", "corrected": "Corrected", "info": "For information"}
-"""Grade of a flag → its name on the page; the most serious first."""
 
 
 class Cell(NamedTuple):
@@ -166,8 +151,3 @@ def cell(value: Values, digits: int, spread: Values | None = None) -> Cell:
         return Cell("–", math.nan)
     known = spread is not None and math.isfinite(spread)
     return Cell(number(value, digits) + (f" ± {number(spread, digits)}" if known else ""), float(value))
-
-
-def without_folders(text: str) -> str:
-    """A text with file names without folders, because folders contain names of people and machines."""
-    return FOLDERS.sub("", text)

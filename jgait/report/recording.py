@@ -12,11 +12,12 @@ from jgait.estimators.combined import Analysis
 from jgait.estimators.stride_flags import SIDE_UNKNOWN, STRIDE_FLAGS
 from jgait.estimators.totals import distance_of
 from jgait.evaluate.scores import score
+from jgait.io import flags
+from jgait.io.flags import Flag, without_folders
 from jgait.io.results import CAPTION, Results, Total
-from jgait.report import flags
 from jgait.report.figures import pictures
 from jgait.report.made import Made
-from jgait.report.page import Cell, Flag, Report, Section, Table, cell, number, significant, without_folders
+from jgait.report.page import Cell, Report, Section, Table, cell, number, significant
 from jgait.types import SIDES, Estimate, Recording, Walk
 
 if TYPE_CHECKING:

@@ -13,11 +13,11 @@ from jax.sharding import Mesh
 from jax.typing import DTypeLike
 from jaxtyping import Bool, PRNGKeyArray, PyTree
 
+from jgait.dask import DIED, on_dask
 from jgait.geometry.arrays import compiled
 from jgait.notes import record
 from jgait.params import constrain
 from jgait.tune.checks import check_data, transforms_of
-from jgait.tune.dask import DIED, on_dask
 from jgait.tune.descent import Carry, Report, Trace, descend, lane
 from jgait.tune.fit import Fit, Task, best_starts, posed, result_of
 from jgait.tune.lessons import Lesson

@@ -7,7 +7,6 @@ from experiments.common import protocols
 from jgait import io
 from jgait.commands import jobs
 from jgait.estimators.about import About, EstimatedRecording
-from jgait.report import Made
 from jgait.types import Estimate, Legs
 
 
@@ -33,7 +32,7 @@ def without_estimates(monkeypatch):
         return jobs.of_estimate(EstimatedRecording(recording, estimate, None, {}), About(tables=()))
 
     def replaced(compute=read):
-        job = jobs.EstimateJob(About(tables=()), compute, Made())
+        job = jobs.EstimateJob(About(tables=()), compute)
         monkeypatch.setattr(jobs, "all_sensors", lambda person: job)
 
     replaced()

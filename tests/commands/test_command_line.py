@@ -63,7 +63,7 @@ def test_one_method_alone_writes_its_own_table(csv, tmp_path):
 def test_options_of_other_estimators_are_refused_by_name(capsys):
     """Every option that only some have, with each of the others, and without --estimator where it is no measure."""
     measures = {measure.option for name in estimators.names() for measure in estimators.about_of(name).measures}
-    every = {option for name in estimators.names() for option in options.options_of(estimators.about_of(name))}
+    every = {option for name in estimators.names() for option in options.options_of(name)}
     for option in every:
         known = options.owners(option)
         owners = f"{options.named(option)} is an option of {' and '.join(known)}; "

@@ -9,7 +9,7 @@ from made import command
 from made.duty import made
 
 from jgait.commands.console import console
-from jgait.commands.pipeline import Choice
+from jgait.commands.options import Choice
 from jgait.estimators import duty_cycled_gyro
 
 
@@ -43,7 +43,7 @@ def test_tables_totals_and_a_figure(walk, tmp_path, monkeypatch):
     assert seen["sensors"] == {"thigh_right", "shank_right"} and seen["p"].thigh_length.right == 0.4
     assert type(seen["p"].filler).__name__ == "Replicate"
     shown = (
-        "hip right │ -17 … 17 °", "knee right │ -34 … 34 °", "measured │ 50 %", "held │ 2 %", "energy saved │ 40 %",
+        "hip right │ −17 … 17 °", "knee right │ −34 … 34 °", "measured │ 50 %", "held │ 2 %", "energy saved │ 40 %",
         "battery life │ × 2.00", "gaps filled by replicate",
     )  # fmt: skip
     assert all(text in said for text in shown), said

@@ -12,7 +12,7 @@ from made.command import run
 
 from jgait import evaluate, io, params, tune
 from jgait.commands import preset
-from jgait.commands.pipeline import pipeline_of, start_of
+from jgait.commands.options import pipeline_of, start_of
 from jgait.commands.tune_report import TuningOutcome
 from jgait.estimators import noise
 from jgait.estimators.foot_ins import FootParams

@@ -49,8 +49,8 @@ def test_bland_altman_holds_the_limits_and_every_point():
 
 
 def test_many_subjects_share_one_mark():
-    figure = cohort.bland_altman(table((2,) * (cohort.FEW + 1)), "length")
-    assert [len(one.get_offsets()) for one in figure.axes[0].collections] == [2 * (cohort.FEW + 1)]
+    figure = cohort.bland_altman(table((2,) * (len(cohort.MARKS) + 1)), "length")
+    assert [len(one.get_offsets()) for one in figure.axes[0].collections] == [2 * (len(cohort.MARKS) + 1)]
     assert not figure.legends
 
 

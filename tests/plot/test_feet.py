@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot.feet import ACROSS, REFERENCE
-from jgait.plot.style import FOOT
+from jgait.plot.style import FOOT, RED
 from jgait.types import SIDES, Estimate, Feet, FootTrajectory, Legs, Strides
 
 WIDTH, STRIDE, SECONDS = 0.2, 1.2, 1.0
@@ -37,10 +36,6 @@ def walked(*, turn_at=None):
     return Estimate(time, Legs(None, None), None, None, time >= 0.0, {}, strides, Feet(*feet), None, spread)
 
 
-def lines_of(axis, style):
-    return [line for line in axis.lines if line.get_color() == style["color"] and line.get_linestyle() == "-"]
-
-
 def test_feet_from_above_with_equal_axes_and_a_fitted_reference(tmp_path):
     estimate = walked()
     turned = [FootTrajectory(foot.position[:, [1, 0, 2]] * [-1.0, 1.0, 1.0] + 3.0, None, None)
@@ -53,7 +48,7 @@ def test_feet_from_above_with_equal_axes_and_a_fitted_reference(tmp_path):
         own = [line for line in axis.lines if line.get_color() == FOOT[side]["color"]]
         np.testing.assert_array_equal(own[0].get_xydata(), foot.position[:, :2])
         np.testing.assert_allclose(own[1].get_xdata(), STRIDE * np.arange(COUNT + 1), atol=1e-9)
-        (known,) = [line for line in axis.lines if line.get_color() == REFERENCE[side]["color"]]
+        (known,) = [line for line in axis.lines if line.get_label() == f"reference, {side}"]
         np.testing.assert_allclose(known.get_xydata(), foot.position[:, :2], atol=1e-9)
     assert plot.save(figure, tmp_path / "paths.png").stat().st_size > 10_000
 
@@ -99,7 +94,7 @@ def test_every_figure_of_strides_marks_what_the_table_marks(draw):
 def test_widths_are_drawn_as_long_as_they_are():
     figure = plot.two_feet(walked(turn_at=6))
     above, *rest = figure.axes
-    drawn = lines_of(above, ACROSS)
+    drawn = [line for line in above.lines if line.get_color() == RED]
     assert len(drawn) == 2 * COUNT - 2
     for line in drawn:
         np.testing.assert_allclose(np.hypot(*np.diff(line.get_xydata(), axis=0)[0]), WIDTH, atol=1e-9)

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from jgait import plot
-from jgait.plot.style import FOOTHOLD
-from jgait.plot.waist import CONTACT, RAW, REBUILT
+from jgait.plot.style import FOOT, FOOTHOLD
 from jgait.types import SIDES, Estimate, Legs, Strides
 
 HZ, SECONDS, STAND = 50.0, 10.0, 2.5
@@ -32,8 +31,8 @@ def estimate():
     return Estimate(time, Legs(None, None), None, way, np.ones(time.size, bool), told, strides)
 
 
-def lines_of(axis, style):
-    return [line for line in axis.lines if line.get_color() == style["color"] and line.get_marker() == "None"]
+def lines_of(axis, color):
+    return [line for line in axis.lines if line.get_color() == color and line.get_marker() == "None"]
 
 
 def test_contacts_over_what_the_trunk_feels(estimate, tmp_path):
@@ -44,15 +43,15 @@ def test_contacts_over_what_the_trunk_feels(estimate, tmp_path):
     assert last - first == pytest.approx(4.0)
     seen = (when >= first) & (when <= last)
     for axis, height in zip(figure.axes, (SURGE, HEAVE, 0.8), strict=True):
-        (raw,) = lines_of(axis, RAW)
+        (raw,) = lines_of(axis, "0.6")
         assert raw.get_ydata().max() == pytest.approx(height, rel=0.15)
-        rebuilt = max((len(line.get_xdata()), line) for line in lines_of(axis, REBUILT))[1]
+        rebuilt = max((len(line.get_xdata()), line) for line in lines_of(axis, "black"))[1]
         assert np.abs(rebuilt.get_ydata()).max() < 0.3 * height  # a slow sine has little in its finest details
         for number, name in enumerate(SIDES):
             own = when[seen & (side == number)]
             (marks,) = [m for m in axis.lines if m.get_marker() == FOOTHOLD[name]["marker"]]
             np.testing.assert_allclose(marks.get_xdata(), own)
-            upright = [m for m in lines_of(axis, CONTACT[name]) if len(m.get_xdata()) == 2]
+            upright = [m for m in lines_of(axis, FOOT[name]["color"]) if len(m.get_xdata()) == 2]
             np.testing.assert_allclose([m.get_xdata()[0] for m in upright], own)
     (marks,) = [m for m in figure.axes[0].lines if m.get_marker() == "o"]
     assert marks.get_ydata().min() > 0.7 * SURGE  # right where they were put: at the forward maxima

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jgait import plot, simulate
-from jgait.plot.walk import LEG
+from jgait.plot.walk import BODY
 from jgait.simulate import Gait, Person
 
 
@@ -25,7 +25,7 @@ def test_the_body_is_drawn_with_its_lengths_and_the_feet_on_the_ground(walked):
         animation._draw_frame(frame)
         for name in ("right", "left"):
             seen = [
-                next(line for line in axis.lines if line.get_color() == LEG[name]["color"]) for axis in (side, front)
+                next(line for line in axis.lines if line.get_color() == BODY[name]["color"]) for axis in (side, front)
             ]
             x, z = seen[0].get_data()
             y, z_again = seen[1].get_data()

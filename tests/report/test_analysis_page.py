@@ -9,7 +9,7 @@ import pytest
 from made.command import run
 
 from jgait import io, simulate
-from jgait.report import flags
+from jgait.io import flags
 from jgait.simulate.sensors import OPAL
 
 

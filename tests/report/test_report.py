@@ -17,15 +17,15 @@ from made.command import run
 from jgait import evaluate, io, report
 from jgait.commands import evaluate as evaluate_command
 from jgait.commands import report as command
-from jgait.commands.cohort import Source
+from jgait.commands.cohort_table import Source
 from jgait.estimators import ankle_stride
 from jgait.estimators.notes import NO_FIRST_STANDING, NO_STEPS
 from jgait.estimators.stride_flags import FEW_REGULAR
 from jgait.evaluate.scores import DISTANCE_OFF
+from jgait.io import flags
+from jgait.io.flags import without_folders
 from jgait.io.results import Total
 from jgait.notes import SEVERITIES, Kind, to_json
-from jgait.report import flags
-from jgait.report.page import without_folders
 from jgait.types import Estimate, Feet, FootTrajectory, Imu, Legs, LegTrajectory, Recording, Strides
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
@@ -400,7 +400,7 @@ def walk_file(tmp_path, monkeypatch):
         time, rng.normal(0.0, 1.0, (time.size, 3)), rng.normal(0.0, 1.0, (time.size, 3)) + [0, 0, 9.8], time > -1.0
     )
     file = io.write_csv(Recording({"ankle_right": imu}, 100.0), tmp_path / "walk.csv")
-    monkeypatch.setattr("jgait.commands.pipeline.Choice.estimate", estimated)
+    monkeypatch.setattr("jgait.commands.options.Choice.estimate", estimated)
     return file, told
 
 

@@ -3,16 +3,30 @@
 The page and the terminal have the same facts, of `of_result`.
 """
 
+import re
 from collections.abc import Iterable
 from itertools import zip_longest
+from typing import NamedTuple
 
 import numpy as np
 
 from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
 from jgait.io.results import Results, Total
 from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, printable, without_repeats
-from jgait.report.page import GRADES, Flag, without_folders
 from jgait.types import PLACEMENTS
+
+
+class Flag(NamedTuple):
+    """A fact that a reader should know before using a number: its grade of `GRADES`, text in lines, and its meaning."""
+
+    grade: str
+    text: str
+    meaning: str
+    measure: str = ""  #: what alone a "stop" makes unusable; empty: all results.
+
+
+GRADES = {"stop": "Do not use", "check": "Check", "corrected": "Corrected", "info": "For information"}
+"""Grade of a flag → its name on the page; the most serious first."""
 
 DOUBTS = ("stop", "check")
 """Grades of flags that put numbers in doubt."""
@@ -60,6 +74,11 @@ def explained(notes: Iterable[Note]) -> list[Flag]:
     for note in grouped(notes):
         lines.setdefault((note.severity, note.meaning, note.kind.measure), {})[sentence(note)] = None
     return ordered(Flag(grade, "\n".join(texts), *about) for (grade, *about), texts in lines.items())
+
+
+def without_folders(text: str) -> str:
+    """A text with file names without folders, because folders contain names of people and machines."""
+    return re.sub(r"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[/\\](?:[^\s'\"<>|/\\]+[/\\])+(?=[^\s/\\])", "", text)
 
 
 def sentence(note: Note) -> str:
