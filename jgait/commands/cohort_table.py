@@ -38,11 +38,8 @@ REFERENCES = ("reference_samples", "reference_strides")
 HOW = ("placement", "gyr_unit", "acc_unit")
 """Columns of what is stated of a recording, as by the options of the command."""
 
-WORDS = (
-    OPTIONS
-    | {name: f"column {name.rstrip('s')}" for name in (*HOW, "placements")}
-    | {"sampling_rate_hz": "column rate_hz"}
-)
+WORDS = OPTIONS | {name: f"column {name}" for name in HOW}
+WORDS |= {"placements": "column placement", "sampling_rate_hz": "column rate_hz"}
 """Argument of a reader → the column, or the option, of the same meaning."""
 
 SUBJECTS_UNKNOWN = Kind(

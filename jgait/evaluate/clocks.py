@@ -25,10 +25,10 @@ REFERENCE_OTHER = Kind(
 )  # fmt: skip
 
 MOST_S, STEP_S = 5.0, 0.02
-"""[s] Largest offset of a clock that is looked for, and step of the search."""
+"""[s] Largest offset of a clock that is looked for, and step of the search; chosen by hand."""
 
 OFFSET_S = 0.1
-"""[s] Least offset that is noted; contacts differ by less where two methods define them."""
+"""[s] Least offset that is noted; chosen by hand: contacts differ by less where two methods define them."""
 
 AGREES, BETTER = 0.35, 0.5
 """[1] One minus the correlation below which two signals agree, chosen above that of most recordings of public sets; and

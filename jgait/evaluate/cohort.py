@@ -28,7 +28,7 @@ Progress = Callable[[int, int], None]
 """Called after every batch with the number of recordings finished in this run, and the number that failed."""
 
 BATCH = 64
-"""Number of recordings that run at once."""
+"""Number of recordings that run at once; chosen by hand, as memory grows with it."""
 
 FEW = 32
 """Largest number of recordings that run one after another: the program of a batch takes as long to compile as some

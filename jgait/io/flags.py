@@ -35,7 +35,7 @@ USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE, FEW_REGULAR.meaning)
 """Meanings of notes that most recordings have without any fault; of one severity they come last."""
 
 REASONS, LONGEST_REASON = 3, 90
-"""Largest number of reasons of a verdict, and [characters] longest text of a reason."""
+"""Largest number of reasons of a verdict, and [characters] longest text of a reason; chosen by hand."""
 
 
 def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from jgait.plot.cohort import before_after, bland_altman, per_subject
     from jgait.plot.duty import sleeping_gyroscopes
     from jgait.plot.explain import explanation, study
-    from jgait.plot.feet import foot_height, foot_paths, leg_strides, stride_series, two_feet
-    from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles
+    from jgait.plot.feet import foot_height, foot_paths, two_feet
+    from jgait.plot.legs import distance, foot_displacement, foot_path, joint_angles, leg_strides, stride_series
     from jgait.plot.style import save
     from jgait.plot.tuning import correlation, profile, training
     from jgait.plot.waist import trunk_contacts
@@ -42,8 +42,8 @@ _FIGURES = {
     "cohort": ("before_after", "bland_altman", "per_subject"),
     "duty": ("sleeping_gyroscopes",),
     "explain": ("explanation", "study"),
-    "feet": ("foot_height", "foot_paths", "leg_strides", "stride_series", "two_feet"),
-    "legs": ("distance", "foot_displacement", "foot_path", "joint_angles"),
+    "feet": ("foot_height", "foot_paths", "two_feet"),
+    "legs": ("distance", "foot_displacement", "foot_path", "joint_angles", "leg_strides", "stride_series"),
     "style": ("save",),
     "tuning": ("correlation", "profile", "training"),
     "waist": ("trunk_contacts",),

@@ -1,10 +1,18 @@
-"""Figures of legs with their reference: joint angles, the foot relative to the hip, and distance."""
+"""Figures of a walk: joint angles, the foot relative to the hip, and distance, with their reference; and strides."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
+from jgait.estimators import stride_flags
+from jgait.estimators.columns import COLUMNS, Column
+from jgait.io.strides import strides_to_dataframe
 from jgait.plot.style import (
     ESTIMATE,
+    FOOT,
+    FOOTHOLD,
     RED,
     REFERENCE,
     Axes,
@@ -19,6 +27,24 @@ from jgait.plot.style import (
     windowed,
 )
 from jgait.types import SIDES, Estimate, LegTrajectory, as_float
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+SPECIAL: dict[str, Style] = {
+    flag.name: {
+        "marker": marker, "markersize": size, "markeredgewidth": width, "label": flag.label,
+        "linestyle": "none", "markerfacecolor": "none", "color": "black", "zorder": 4,
+    }
+    for flag, marker, size, width in (
+        (stride_flags.TURNING, "D", 10, 1.0), (stride_flags.STAIRS, "^", 12, 1.0), (stride_flags.CLIPPED, "x", 9, 1.4),
+        (stride_flags.HALF, "s", 8, 1.0), (stride_flags.UNEVEN_DURATION, "p", 13, 1.0),
+        (stride_flags.UNSURE, "v", 12, 1.0), (stride_flags.SIDE_UNKNOWN, "o", 10, 1.0),
+        (stride_flags.DOUBTFUL, "+", 13, 1.2),
+    )
+}  # fmt: skip
+"""Flag of strides → the mark around a stride with this flag; marks differ in shape, not in colour."""
 
 
 def _worn(estimate: Estimate) -> list[tuple[str, LegTrajectory, LegTrajectory | None]]:
@@ -141,3 +167,80 @@ def distance(estimate: Estimate, reference: Estimate | None = None, *, title: st
     axis.legend(loc="upper left", fontsize=8)
     axis.set_title(title)
     return figure
+
+
+def stride_series(estimate: Estimate, *, title: str = "") -> Figure:
+    """Length, width and rise of every stride over time, with bars of two standard deviations where they are stated.
+
+    Widths that are not trusted (`diagnostics["width_valid"]`) are hollow and without bars; flags are marks around a
+    stride. Raises ValueError if no stride is valid.
+    """
+    return _series(estimate, ("stride_length_m", "stride_width_m", "stride_height_m"), "foot", title)
+
+
+def leg_strides(estimate: Estimate, *, title: str = "") -> Figure:
+    """Length, time, rise and turn of every stride over time, bars of two standard deviations, flags as marks, of any
+    estimate with strides. Raises ValueError if no stride is valid.
+    """
+    return _series(estimate, ("stride_length_m", "stride_duration_s", "stride_height_m", "turn_deg"), "leg", title)
+
+
+def _series(estimate: Estimate, columns: Sequence[str], part: str, title: str) -> Figure:
+    """A figure with one row for each column of the table of strides that any stride has; those of legs are joined."""
+    table, joined = strides_to_dataframe(estimate), part == "leg"
+    if not len(table):
+        raise ValueError("no stride is valid: there is nothing to draw")
+    present = [COLUMNS[name] for name in columns if name in table and table[name].notna().any()]
+    figure, axes = panels(len(present), 1, 8.6, 1.9 * len(present) + 1.0, sharex=True)
+    marked = special(estimate)
+    for number, (axis, column) in enumerate(zip(axes[:, 0], present, strict=True)):
+        series_of(axis, table, column, labelled=number == 0, part=part, joined=joined)
+        axis.set_ylabel(column.heading)
+        when, values = _when(table), column.scale * table[column.name]
+        for name, flags in marked.items():
+            if (there := flags & values.notna()).any():
+                axis.plot(when[there], values[there], **SPECIAL[name])
+        if joined:
+            axis.margins(y=0.15)
+            if column.quantity in ("stride_height", "turn"):
+                axis.axhline(0.0, color="0.6", linewidth=0.8)
+    axes[-1, 0].set_xlabel("time [s]")
+    legend(figure, title, columns=4 if joined else 5)
+    return figure
+
+
+def series_of(
+    axis: Axes, table: "pd.DataFrame", column: Column, *, labelled: bool, part: str = "foot", joined: bool = False
+) -> None:
+    """One column of the table of strides of both sides over time; with `joined`, a line goes through the strides of a
+    side, with a gap at pauses of 10 s.
+    """
+    for side in SIDES:
+        rows = table[table["side"] == side]
+        values, when = column.scale * rows[column.name], _when(rows)
+        trusted = rows.get("width_valid", values.notna()) if column.quantity == "stride_width" else values.notna()
+        bars = 2.0 * column.scale * rows[column.deviation].fillna(0.0) if column.deviation in rows else 0.0 * values
+        if not len(rows):
+            continue
+        good, bad = values.notna() & trusted, values.notna() & ~trusted
+        stated = bool(bars.any())
+        axis.errorbar(when[good], values[good], yerr=bars[good] if stated else None,
+                      label=f"{side} {part}{', ±2σ' if stated else ''}" if labelled else None,
+                      **FOOTHOLD[side], elinewidth=1.0, ecolor=FOOT[side]["color"])  # fmt: skip
+        hollow = {**FOOTHOLD[side], "markerfacecolor": "white"}
+        axis.plot(when[bad], values[bad], label=f"{side} {part}, not trusted" if bad.any() else None, **hollow)
+        if joined:
+            gaps = np.flatnonzero(np.diff(when) >= 10.0) + 1
+            times, heights = (np.insert(line.to_numpy(float), gaps, np.nan) for line in (when, values))
+            axis.plot(times, heights, color=FOOT[side]["color"], linewidth=0.6, alpha=0.6)
+
+
+def special(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Flag of `SPECIAL` → (rows,) bool for the rows of the table of strides; only flags that a stride has."""
+    marked = stride_flags.marks(estimate, stride_flags.STRIDE_FLAGS)
+    return {name: flags for name, flags in marked.items() if name in SPECIAL and flags.any()}
+
+
+def _when(table: "pd.DataFrame") -> "pd.Series":
+    """Time at which each stride is drawn [s]: its end."""
+    return table["end_s" if "end_s" in table else "standing_end_s"]

@@ -7,12 +7,12 @@ import numpy as np
 from jgait import plot
 from jgait.estimators.about import EstimatedRecording, EstimateFigure
 from jgait.estimators.totals import has_strides, joint_ranges
-from jgait.plot.feet import special
+from jgait.plot.legs import special
 from jgait.report.page import Picture, picture
 from jgait.types import SIDES, Estimate, Feet, Legs, as_float
 
 CLOSE = 8.0
-"""[s] Length of the close-up of angles in a longer recording."""
+"""[s] Length of the close-up of angles in a longer recording, some strides; chosen by hand."""
 
 BAND = "The band is ± two standard deviations, as the estimator states them."
 
