@@ -41,7 +41,10 @@ REASONS, LONGEST_REASON = 3, 90
 def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:
     """All flags of one recording, the most serious first: of its notes, its samples and its strides."""
     notes = [*notes, *stride_notes(results.marks, results.regular)]
-    raised = [*explained(without_repeats(notes)), *of_strides(len(results.base), results.marks)]
+    known = [flag for flag in STRIDE_FLAGS if flag.name in results.marks and flag != UNEVEN_DURATION]  # it has a note
+    many = sorted(((int(results.marks[flag.name].sum()), flag) for flag in known), key=lambda each: -each[0])
+    raised = explained(without_repeats(notes))
+    raised += [Flag(f.grade, f"{n} of {len(results.base)} strides: {f.label}", f.meaning) for n, f in many if n]
     valid = np.asarray(results.estimate.valid, bool)
     if (share := float(np.mean(valid)) if valid.size else 0.0) < 0.95:
         text = f"Results for {100.0 * share:.0f} % of the recording"
@@ -92,13 +95,6 @@ def sentence(note: Note) -> str:
 def ordered(flags: Iterable[Flag]) -> list[Flag]:
     """The flags, the most serious first; of one grade first those of all results, last those of most recordings."""
     return sorted(flags, key=lambda flag: (list(GRADES).index(flag.grade), flag.measure, flag.meaning in USUAL))
-
-
-def of_strides(rows: int, marks: dict[str, np.ndarray]) -> list[Flag]:
-    """Flags of the strides (flag → (rows,) bool): how many are special, without those that have a note."""
-    known = [flag for flag in STRIDE_FLAGS if flag.name in marks and flag != UNEVEN_DURATION]
-    many = sorted(((int(marks[flag.name].sum()), flag) for flag in known), key=lambda each: -each[0])
-    return [Flag(f.grade, f"{count} of {rows} strides: {f.label}", f.meaning) for count, f in many if count]
 
 
 def verdict(flags: Iterable[Flag]) -> str:

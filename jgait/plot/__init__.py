@@ -57,3 +57,7 @@ def __getattr__(name: str) -> Any:
         if name in figures:
             return getattr(importlib.import_module(f"{__name__}.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__
