@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ORDER = (
-    "notes", "types", "params", "dask", "geometry", "signal", "filtering", "events", "mounting", "duty_cycle",
+    "notes", "types", "params", "geometry", "signal", "filtering", "events", "mounting", "duty_cycle",
     "quality", "estimators", "simulate", "tune", "evaluate", "io", "datasets", "plot", "report", "commands", "cli",
 )  # fmt: skip
 """Files and folders of `jgait`, lowest first: each imports only from those before it."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import __version__
-from jgait.dask import DIED, on_dask
+from jgait.estimators.dask import DIED, on_dask
 from jgait.estimators.interface import Estimator
 from jgait.evaluate import scores
 from jgait.evaluate.buckets import CohortJob, Failed, checked_mesh, evaluated, tables

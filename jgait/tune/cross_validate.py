@@ -13,7 +13,7 @@ from jax.sharding import Mesh
 from jax.typing import DTypeLike
 from jaxtyping import Bool, PRNGKeyArray, PyTree
 
-from jgait.dask import DIED, on_dask
+from jgait.estimators.dask import DIED, on_dask
 from jgait.geometry.arrays import compiled
 from jgait.notes import record
 from jgait.params import constrain
