@@ -22,8 +22,8 @@ from jgait.commands.console import count, say, stop
 from jgait.commands.folder import ResultsFolder, results_folder
 from jgait.commands.jobs import EstimateJob
 from jgait.commands.recordings import Item
-from jgait.estimators.dask import DIED, on_dask
 from jgait.estimators import programs
+from jgait.estimators.dask import DIED, on_dask
 from jgait.io.atomic import write_text
 from jgait.io.flags import DOUBTS, GRADES, Flag, verdict
 from jgait.notes import of_recordings
