@@ -12,7 +12,7 @@ from jgait.estimators.plausible import distance_implausible
 from jgait.estimators.stride_flags import EVERY, SIDE_UNKNOWN, STRIDE_FLAGS, marks, without
 from jgait.estimators.totals import angles_usable, distance_of, joint_ranges
 from jgait.io.strides import bout_numbers, strides_to_dataframe
-from jgait.io.summary import SUMMARY, summary
+from jgait.io.summary import SUMMARY, USABLE, summary
 from jgait.io.write import to_dataframe
 from jgait.types import SIDES, Estimate, as_float
 
@@ -232,11 +232,13 @@ class Results:
             totals.append(Total("distance", text, "distance", usable=usable))
         if not self.cycles and len(self.base):
             medians = self.summary.set_index("measure")["median"]
-            deviations = self.counted.select_dtypes("number").median()
+            counted = self.counted[self.counted["regular"].astype(bool)]
             wide = "stride_width_m" in self.base and bool(self.base["stride_width_m"].notna().any())
             for name in ("stride_length_m", "walking_speed_mps", *["stride_width_m"] * wide):
                 column = COLUMNS[name]
-                text = column.text(medians.get(column.quantity), deviations.get(column.deviation))
+                usable = counted.get(USABLE.get(column.quantity, ""), counted["regular"]).astype(bool)
+                spread = counted.loc[usable & counted[name].notna()].get(column.deviation)
+                text = column.text(medians.get(column.quantity), None if spread is None else spread.median())
                 totals.append(Total(column.words, text, column.quantity))
             if timed:
                 totals.append(Total("cadence", COLUMNS["cadence_spm"].text(medians.get("cadence"))))

@@ -109,10 +109,12 @@ def summary(
     rows = []
     for column in MEASURES:
         name, unit = column.quantity, column.unit
-        if (values := columns.get(name)) is None or not len(values):
+        if (usual := every.get(name)) is None or not len(usual):
             continue
-        usual = every[name]
         median = usual.groupby(strides["side"]).median().mean() if name == "stance" else usual.median()
+        if not len(values := columns.get(name, usual.iloc[:0])):  # only strides that are not steady have the measure
+            rows.append({"measure": name, "unit": unit, "n_strides": 0, "steady": False, "median": median})
+            continue
         errors = table.get(column.deviation, pd.Series(np.nan, table.index))[values.index].dropna()
         if sided and (coarse := _coarse(errors, table)):
             values = values[table.loc[values.index, "side"] != coarse]

@@ -181,3 +181,11 @@ def test_strides_of_a_guessed_side_are_of_neither():
 
 def test_the_cadence_counts_steps():
     assert rows(strides()).loc["cadence", "mean"] == pytest.approx(120.0)
+
+
+def test_a_measure_that_only_strides_which_are_not_steady_have_is_a_median_alone():
+    table = strides()
+    ends = table["start_s"].isin([0.0, 0.4, 5.0, 5.4])
+    one = rows(table.assign(lift_m=np.where(ends, 0.01, np.nan))).loc["lift"]
+    assert one["median"] == 0.01 and one["n_strides"] == 0
+    assert one[["mean", "std", "right", "left"]].isna().all()
