@@ -23,7 +23,7 @@ from experiments.silva2017.groups import keys
 from jgait import filtering, params
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleParams
-from jgait.estimators.ankle_stride.inputs import AnkleInputs
+from jgait.estimators.ankle_stride.prepare import AnkleInputs
 
 SET = "walking5m"
 SPLIT = "walking5m, people left out, six folds"

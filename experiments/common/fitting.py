@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from jgait.estimators.combined import Analysis, analyse
-from jgait.estimators.combined.compare import regular
+from jgait.estimators.combined.strides import regular
 from jgait.estimators.programs import compiled
 from jgait.geometry.vectors import Vector
 from jgait.notes import Kind, Note

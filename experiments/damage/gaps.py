@@ -1,7 +1,7 @@
 """Gaps: how far interpolated and held readings err over them, and how far the estimates of real walks move.
 
 Signals: parts of real walks are taken out, and the integrals of what a filter would use in their place are compared
-with those of what was measured. `LOST_RATE` and `LOST_FORCE` of the feet and shanks, and `HELD`, are such errors.
+with those of what was measured. `LOST_RATE` and `LOST_FORCE` of feet, `LOST` of shanks, and `HELD`, are such errors.
 Estimates: one sensor loses its samples at a random moment of a walk. A stride, or a joint angle, that then differs by
 more than three of its stated standard deviations from that of the whole recording, and is not flagged, is a silent
 error. The constants were chosen on these sets.

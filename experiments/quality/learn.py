@@ -1,6 +1,7 @@
 """The model of doubt learned from strides beside a reference, and judged on people and sets that were left out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +11,8 @@ from scipy.optimize import Bounds, minimize
 
 from experiments.quality.strides import Table
 from jgait import params
-from jgait.quality import EVIDENCE, QualityParams, doubt, factor, log_likelihood
+from jgait.quality import EVIDENCE, QualityParams, doubt, factor
+from jgait.quality.model import NUMBERS, weighted
 from jgait.types import Values
 
 SHARES = (("public", 0.5), ("gait", 0.2), ("fault", 0.3))
@@ -75,6 +77,22 @@ def _cost(x: Values, data: tuple[Values, ...]) -> Values:
     return -jnp.sum(weight * each) + _prior(p)
 
 
+def log_likelihood(
+    p: QualityParams, evidence: Mapping[str, Values], error: Values, stated: Values, length: Values, reference: Values
+) -> Values:
+    """The logarithm of the density of each error of a length (n,) [m]; `reference` (n,) is the deviation of
+    the reference itself [m], other arguments are those of `factor`.
+    """
+    odds, usual = p.odds + weighted(p.wrong, evidence), factor(p, evidence, stated, length) * stated
+
+    def density(deviation: Values) -> Values:
+        variance = deviation**2 + reference**2
+        return -0.5 * (error**2 / variance + jnp.log(2.0 * jnp.pi * variance))
+
+    right, wrong = -jax.nn.softplus(odds) + density(usual), -jax.nn.softplus(-odds) + density(p.tail * usual)
+    return jnp.logaddexp(right, wrong)
+
+
 def _prior(p: QualityParams) -> Values:
     """Minus the logarithm of the prior density of the numbers [nat]."""
     priors = params.priors(p)
@@ -126,3 +144,12 @@ def left_out(table: Table, by: np.ndarray, folds: int | None) -> tuple[np.ndarra
         error[out], doubts[out] = judged_by(p, chosen(table, out))
         inside[out] = error[out] <= interval(p, chosen(table, ~out))
     return error, doubts, inside
+
+
+def to_dict(p: QualityParams) -> dict[str, Any]:
+    """The numbers for JSON, inverse of `quality.model.from_dict`, without weights below 0.01."""
+    weights = {
+        name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > 1e-2}
+        for name in ("spread", "wrong")
+    }
+    return {**{name: round(float(getattr(p, name)), 4) for name in NUMBERS}, **weights}

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from experiments.common.row import Row, show
-from experiments.quality.learn import chosen, interval, kind, learned, left_out
+from experiments.quality.learn import chosen, interval, kind, learned, left_out, to_dict
 from experiments.quality.strides import FAULTS, Table, faults, gaits, joined, public
 from jgait.quality import DOUBTFUL_FROM
-from jgait.quality.model import WRONG, to_dict
+from jgait.quality.model import WRONG
 
 FEWEST = 50
 """Least number of strides of a set for a row of its own."""

@@ -27,8 +27,8 @@ class Signals(NamedTuple):
     Attributes:
         gyr, acc: (T, 3) in the segment's axes.
         straight_gyr, straight_acc: (T, 3) in the sensor's own axes nearest to them, for Li's method.
-        swing, stride: flags of swings and strides.
-        end: (n,) samples at which strides end; swing_end: at which swings do.
+        stride: flags of strides.
+        end: (n,) samples at which strides end; swing_begin, swing_end: at which swings begin and end.
         length: (n,) by the reference [m]; 0 where the reference has no length.
         known: (n,) bool, whether there is one; full: a whole stride.
         dt: [s].
@@ -38,9 +38,9 @@ class Signals(NamedTuple):
     acc: Any
     straight_gyr: Any
     straight_acc: Any
-    swing: marks.Marks
     stride: marks.Marks
     end: Any
+    swing_begin: Any
     swing_end: Any
     length: Any
     known: Any
@@ -102,9 +102,8 @@ def signals(leg: Leg, turn: np.ndarray | None = None) -> Signals:
     known = np.isfinite(length)
     return Signals(
         raw[0] @ rows.T, raw[1] @ rows.T, raw[0] @ nearest.T, raw[1] @ nearest.T,
-        jax.tree.map(np.asarray, marks.marks(start, end, total)),
         jax.tree.map(np.asarray, marks.marks(stood.begin, stood.end, total)),
-        stood.end, end, np.where(known, length, 0.0), known, full & known, np.asarray(1.0 / leg.rate_hz),
+        stood.end, start, end, np.where(known, length, 0.0), known, full & known, np.asarray(1.0 / leg.rate_hz),
     )  # fmt: skip
 
 
@@ -121,7 +120,7 @@ def stacked(items: list[Signals], room: int = 1) -> Signals:
             if name == "dt":
                 made[name] = value
             else:
-                count = strides if name in ("end", "swing_end", "length", "known", "full") else samples
+                count = strides if name in ("end", "swing_begin", "swing_end", "length", "known", "full") else samples
                 made[name] = jax.tree.map(lambda v, count=count: longer(np.asarray(v), count), value)
         return Signals(**made)
 
@@ -137,11 +136,11 @@ def _one(method: str, p: StrideLengthParams, cutoff: Any, s: Signals) -> Any:
     """(n,) lengths of a leg's strides."""
     if method in ("SL1", "SL2", "SL2 of all axes"):
         gyr = literal.all_axes(s.gyr) if method == "SL2 of all axes" else s.gyr
-        swung = stride_length.pendulum(p, gyr, s.swing, s.dt)
-        return (swung.chord if method == "SL1" else swung.arc)[s.swing_end]
+        swung = stride_length.pendulum(p, gyr, s.swing_begin, s.swing_end, s.dt)
+        return swung.chord if method == "SL1" else swung.arc
     if method == "swing":
-        swung = stride_length.pendulum(p, s.gyr, s.swing, s.dt)
-        return jnp.stack([swung.angle[s.swing_end], swung.duration[s.swing_end]], axis=-1)
+        swung = stride_length.pendulum(p, s.gyr, s.swing_begin, s.swing_end, s.dt)
+        return jnp.stack([swung.angle, swung.duration], axis=-1)
     rate_hz = 1.0 / s.dt
     if method.startswith("Li 2-D"):
         taken = (s.gyr, s.acc) if method == "Li 2-D, axes from the walk" else (s.straight_gyr, s.straight_acc)

@@ -17,8 +17,7 @@ from experiments.silva2017.detect import pairs
 from experiments.silva2017.groups import WHERE, length_line, measured_groups, turn_line
 from jgait.estimators import ankle_stride
 from jgait.estimators.ankle_stride import AnkleOptions, AnkleParams
-from jgait.estimators.ankle_stride.inputs import AnkleInputs
-from jgait.estimators.ankle_stride.prepare import prepare
+from jgait.estimators.ankle_stride.prepare import AnkleInputs, prepare
 from jgait.estimators.interface import pad
 from jgait.geometry.rotation import turn
 from jgait.types import Recording

@@ -11,8 +11,8 @@ from experiments.common import protocols
 from experiments.common.row import Row
 from jgait import plot
 from jgait.estimators import ankle_stride
-from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.params import AnkleOptions
+from jgait.estimators.ankle_stride.prepare import AnkleSignals
 from jgait.events import shank as shank_events
 from jgait.events.shank import FLAT, HEEL_STRIKE, MACHINE, SWING, TOE_OFF, Detector, ShankEvents, ShankState
 from jgait.plot.style import (

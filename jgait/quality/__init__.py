@@ -19,7 +19,6 @@ from jgait.quality.model import (
     judged,
     learned,
     length_share,
-    log_likelihood,
     trust,
     widened,
     with_share,
@@ -29,5 +28,5 @@ from jgait.quality.model import (
 __all__ = [
     "DOUBTED_SHARE", "DOUBTFUL_FROM", "EVIDENCE", "SOUND", "UNCERTAIN", "QualityParams", "SensorQuality",
     "StrideQuality", "Trust", "above", "doubt", "doubts_of", "factor", "judged", "learned", "length_share",
-    "log_likelihood", "merged", "of_sensor", "opposite", "trust", "widened", "with_share", "with_time_spread",
+    "merged", "of_sensor", "opposite", "trust", "widened", "with_share", "with_time_spread",
 ]  # fmt: skip

@@ -16,21 +16,17 @@ that an estimator, or an online session, does not have is left out, which counts
 | `rates` | factor of the angular rates with which signals fit from stance to stance, if it is far from 1 |
 | `lever` | distance of the sensor's estimated place from where it is worn, if it is far [m] |
 | `outside` | relative deviation of strides outside those from which the method was learned |
-
-Durations and lengths beside those of other strides, turns, speed, first and last strides, lost and clipped samples, the
-sampling rate, the stated deviation itself, delays, free fall and rises of the trunk were evidence, too; no weight was
-learned for them.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from jgait.geometry.arrays import xp
 from jgait.notes import record
-from jgait.types import SIDES, AnyArray, Counts, Estimate, Strides, Values, as_float
+from jgait.types import SIDES, Counts, Estimate, Strides, Values, as_float
 
 ABOVE = {"shank": "thigh", "ankle": "shank", "foot": "shank"}
 """Segment of a leg → the segment above it, with whose impacts its own are compared."""
@@ -71,9 +67,11 @@ class SensorQuality(NamedTuple):
     alone: bool = False  #: the sensor is not used because the other segment of its leg has no sensor.
 
     @property
-    def incomplete(self) -> bool:
-        """Whether strides of this sensor can be missing at the begin or the end of a walk."""
-        return any((self.lost, self.strides_missing, self.small_swings, self.walks_before, self.walks_after))
+    def rates_error(self) -> float:
+        """Logarithm of the factor of the rates if it is far from 1, without its sign [1]; a factor below 0.1 counts as
+        0.1, because one that is negative fits a gyroscope whose sign is reversed.
+        """
+        return abs(math.log(max(self.rates_factor, 0.1))) * self.rates_off
 
     @property
     def runs(self) -> bool:
@@ -124,17 +122,12 @@ EVIDENCE = (
 """Names of the evidence, in the order of the model's weights."""
 
 USUAL_NIS = 0.05
-"""[1] NIS of usual strides, whose noise covers errors that last for a stance; the model learns what more means."""
+"""[1] NIS of usual strides, whose noise covers errors that last for a stance; chosen by hand, and the model learns what
+more means."""
 
 FAR_OFF = 0.06
 """[1] Largest error of an accelerometer at rest, over gravity, that is usual: data sheets allow a bias of 0.05 and
 more; sensors that are calibrated stay far below it."""
-
-LEAST_FACTOR = 0.1
-"""[1] Factor of the rates that smaller ones count as; one that is negative fits a gyroscope whose sign is reversed."""
-
-LEAST_M = 0.05
-"""[m], [m s] Length, and length times duration, that shorter strides count as."""
 
 
 @record
@@ -170,12 +163,12 @@ def of_stride(nis: Values, rise: Values, rise_spread: Values) -> dict[str, Value
 
 
 def among(strides: Strides) -> dict[str, np.ndarray]:
-    """The evidence of strides beside the others of their recording."""
-    length, side = as_float(strides.length), np.asarray(strides.side)
+    """The evidence of strides beside the others of their recording; shorter ones count as 5 cm, or as 0.05 m s."""
+    length, side, least = as_float(strides.length), np.asarray(strides.side), 0.05
     usual = [float(np.median(length[side == k])) if (side == k).any() else math.nan for k in (0, 1)]
-    apart = abs(math.log(max(usual[0], LEAST_M) / max(usual[1], LEAST_M))) if np.isfinite(usual).all() else 0.0
+    apart = abs(math.log(max(usual[0], least) / max(usual[1], least))) if np.isfinite(usual).all() else 0.0
     lasts = as_float(strides.end) - as_float(strides.start)
-    slowly = np.maximum(np.abs(length) * lasts, LEAST_M)
+    slowly = np.maximum(np.abs(length) * lasts, least)
     cramped = excess(1.0 / slowly, 1.0)  # cadence and length grow together: less than 1 m s is little for their product
     return {"apart": np.full(length.shape, min(apart, 1.0)), "cramped": np.asarray(cramped)}
 
@@ -187,24 +180,15 @@ def of_estimate(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, 
     return {**innovations, **among(strides), **of_sensors(estimate, placements)}
 
 
-def by_side(side: AnyArray, values: Mapping[int, float]) -> np.ndarray:
-    """(n,) of strides from a value of each side (0 right, 1 left); 0 for a side without."""
-    return np.array([values.get(number, 0.0) for number in (0, 1)], np.float64)[np.asarray(side, int)]
-
-
 def of_sensors(estimate: Estimate, placements: Mapping[int, str]) -> dict[str, np.ndarray]:
     """The evidence about the sensors that measure the strides; `placements` are sides (0 right, 1 left) → sensor."""
-    diagnostics, side = estimate.diagnostics, estimate.strides.side
-    facts = {number: of_sensor(diagnostics["sensors"], name) for number, name in placements.items()}
-    nis = {k: float(excess(as_float(diagnostics.get(f"nis_{SIDES[k]}", 0.0)), USUAL_NIS)) for k in placements}
-    each: dict[str, Callable[[SensorQuality], float]] = {
-        "scale": lambda sensor: abs(sensor.force_off) * (abs(sensor.force_off) > FAR_OFF),
-        "rates": lambda sensor: abs(math.log(max(sensor.rates_factor, LEAST_FACTOR))) * sensor.rates_off,
-        "lever": lambda sensor: sensor.lever_off,
-        "rows": lambda sensor: math.log1p(sensor.rows_lost + sensor.rows_twice),
-        "contradicts": lambda sensor: float(sensor.contradicts),
-    }
-    return {
-        "sensor_innovation": by_side(side, nis),
-        **{name: by_side(side, {k: value(sensor) for k, sensor in facts.items()}) for name, value in each.items()},
-    }
+    names = ("sensor_innovation", "scale", "rates", "lever", "rows", "contradicts")
+    diagnostics, each = estimate.diagnostics, np.zeros((len(SIDES), len(names)))
+    for side, name in placements.items():
+        sensor = of_sensor(diagnostics["sensors"], name)
+        off, rows = abs(sensor.force_off), sensor.rows_lost + sensor.rows_twice
+        nis = float(excess(as_float(diagnostics.get(f"nis_{SIDES[side]}", 0.0)), USUAL_NIS))
+        each[side] = (
+            nis, off * (off > FAR_OFF), sensor.rates_error, sensor.lever_off, math.log1p(rows), sensor.contradicts
+        )  # fmt: skip
+    return dict(zip(names, each[np.asarray(estimate.strides.side, int)].T, strict=True))

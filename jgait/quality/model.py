@@ -4,19 +4,18 @@ probably the stride is wrong. Estimates judged by it: deviations, doubt, notes o
 The error of the length L of a stride, whose method states the deviation σ, has with evidence φ ≥ 0 the density
 (1 − p) N(0, s²) + p N(0, λ²s²), with s² = k²σ² + (L Σ r φ)², log k = a + Σ b φ and logit p = c + Σ d φ. The sum with r
 is over errors of a sensor that change all lengths alike (`SHARES`). No weight is negative: more evidence never means
-less doubt. The numbers are learned by likelihood from strides beside a reference, see
-`log_likelihood`; `learned.json` has those of each estimator, and says from which recordings they were learned.
+less doubt. The numbers are learned by likelihood from strides beside a reference, in `experiments/quality/learn.py`;
+`learned.json` has those of each estimator, and says from which recordings they were learned.
 """
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Annotated, Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jgait.geometry.arrays import xp
@@ -25,14 +24,11 @@ from jgait.params import Param, Parameter, Prior, documented, fixed, interval, p
 from jgait.quality.evidence import EVIDENCE, SensorQuality, StrideQuality, merged
 from jgait.types import Estimate, Strides, Values, as_float
 
-START = 0.1
-"""Weight at which a fit starts."""
-
 LESS = Prior("exponential(1)", lambda weight: weight, lambda _: 1.0)
 """Prior of each weight: evidence that does not make errors more likely gets none."""
 
 WRONG = 3.0
-"""[1] Stated deviations by which the length of a wrong stride is off."""
+"""[1] Stated deviations by which the length of a wrong stride is off: the definition of a gross error."""
 
 SHARES = ("scale", "rates", "lever", "outside")
 """Evidence that makes an error of the same share of all lengths. Their numbers are not learned: lengths grow with the
@@ -40,20 +36,21 @@ square of the interval between samples, so that of `rates` is 2; those of `scale
 feet and shanks with scales of 0.9 to 1.1, and with seated movements and cycling between walks."""
 
 DOUBTFUL_FROM = 0.1
-"""[1] Probability of a wrong stride above which a stride is in doubt."""
+"""[1] Probability of a wrong stride above which a stride is in doubt; chosen by hand, judged by the experiment
+`quality`."""
 
 
 @documented
 @record
 class QualityParams(NamedTuple):
-    """Numbers of the model for one estimator; the arrays have a weight for each name of `EVIDENCE`."""
+    """Numbers of the model for one estimator, by default those at which a fit starts; the arrays have a weight for each
+    name of `EVIDENCE`.
+    """
 
     shift: Annotated[Param, Parameter(real, "1", "a, logarithm of the factor without evidence")] = 0.0
-    spread: Annotated[Param, Parameter(positive, "1", "b, weights of the factor", LESS)] = np.full(len(EVIDENCE), START)
+    spread: Annotated[Param, Parameter(positive, "1", "b, weights of the factor", LESS)] = np.full(len(EVIDENCE), 0.1)
     odds: Annotated[Param, Parameter(real, "1", "c, log odds of a wrong stride without evidence")] = -5.0
-    wrong: Annotated[Param, Parameter(positive, "1", "d, weights of the log odds", LESS)] = np.full(
-        len(EVIDENCE), START
-    )
+    wrong: Annotated[Param, Parameter(positive, "1", "d, weights of the log odds", LESS)] = np.full(len(EVIDENCE), 0.1)
     tail: Annotated[Param, Parameter(interval(2.0, 30.0), "1", "λ, deviation of wrong strides over others")] = 6.0
     scale: Annotated[Param, Parameter(fixed, "1", "r of `scale`")] = 0.65
     rates: Annotated[Param, Parameter(fixed, "1", "r of `rates`")] = 2.0
@@ -88,22 +85,6 @@ def _beyond(deviation: Values) -> Values:
     return jax.scipy.special.erfc(at) if isinstance(at, jax.Array) else math.erfc(at)
 
 
-def log_likelihood(
-    p: QualityParams, evidence: Mapping[str, Values], error: Values, stated: Values, length: Values, reference: Values
-) -> Values:
-    """The logarithm of the density of each error of a length (n,) [m], for tuning; `reference` (n,) is the deviation of
-    the reference itself [m], other arguments are those of `factor`.
-    """
-    odds, usual = p.odds + weighted(p.wrong, evidence), factor(p, evidence, stated, length) * stated
-
-    def density(deviation: Values) -> Values:
-        variance = deviation**2 + reference**2
-        return -0.5 * (error**2 / variance + jnp.log(2.0 * jnp.pi * variance))
-
-    right, wrong = -jax.nn.softplus(odds) + density(usual), -jax.nn.softplus(-odds) + density(p.tail * usual)
-    return jnp.logaddexp(right, wrong)
-
-
 def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.ndarray]) -> Estimate:
     """The estimate with deviations of strides and of the distance by the model, from evidence (n,) by name.
 
@@ -123,11 +104,8 @@ def with_doubt(estimate: Estimate, p: QualityParams, evidence: Mapping[str, np.n
         mean = np.cumsum(times * lengths) / np.maximum(np.cumsum(lengths), 1e-9)
         so_far = np.interp(as_float(estimate.time), as_float(strides.end), mean)
         diagnostics["distance_stddev"] = as_float(diagnostics["distance_stddev"]) * so_far
-    scaled = {
-        name: times * as_float(spread)
-        for name in ("length", "speed", "step_length") if (spread := getattr(deviations, name)) is not None
-    }  # fmt: skip
-    return estimate._replace(strides_stddev=deviations._replace(**scaled), diagnostics=diagnostics)
+    deviations = _along(deviations, lambda _, spread: times * spread)
+    return estimate._replace(strides_stddev=deviations, diagnostics=diagnostics)
 
 
 @cache
@@ -145,15 +123,6 @@ def from_dict(stored: Mapping[str, Any]) -> QualityParams:
     """The numbers from JSON: weights by the name of their evidence, which are 0 if they are absent."""
     arrays = {name: np.array([float(stored[name].get(kind, 0.0)) for kind in EVIDENCE]) for name in ("spread", "wrong")}
     return QualityParams(**{name: float(stored[name]) for name in NUMBERS}, **arrays)
-
-
-def to_dict(p: QualityParams) -> dict[str, Any]:
-    """Inverse of `from_dict`, without weights below 0.01."""
-    weights = {
-        name: {k: round(float(w), 4) for k, w in zip(EVIDENCE, getattr(p, name), strict=True) if w > 1e-2}
-        for name in ("spread", "wrong")
-    }
-    return {**{name: round(float(getattr(p, name)), 4) for name in NUMBERS}, **weights}
 
 
 def _lengths(strides: Strides) -> np.ndarray:
@@ -185,11 +154,13 @@ def widened(estimate: Estimate, share: np.ndarray | float) -> Estimate:
 
 def with_share(deviations: Strides, strides: Strides, share: np.ndarray | float) -> Strides:
     """Standard deviations of strides with an additional relative deviation (n,) or of all [1] of their lengths."""
-    more = {
-        name: np.hypot(as_float(spread), share * np.abs(as_float(getattr(strides, name))))
-        for name in ("length", "speed", "step_length") if (spread := getattr(deviations, name)) is not None
-    }  # fmt: skip
-    return deviations._replace(**more)
+    return _along(deviations, lambda name, spread: np.hypot(spread, share * np.abs(as_float(getattr(strides, name)))))
+
+
+def _along(deviations: Strides, change: Callable[[str, np.ndarray], np.ndarray]) -> Strides:
+    """Deviations of strides with a change of those along the way, from their names and values."""
+    known = {name: getattr(deviations, name) for name in ("length", "speed", "step_length")}
+    return deviations._replace(**{n: change(n, as_float(v)) for n, v in known.items() if v is not None})
 
 
 LENGTH_BY_TIME = 2.3
@@ -210,10 +181,11 @@ def with_time_spread(estimate: Estimate, quality: Mapping[str, SensorQuality]) -
 # --- estimates judged ---
 
 UNCERTAIN = 0.25
-"""[m] Standard deviation of a stride's length above which it is useless: seconds without a rest of the foot."""
+"""[m] Standard deviation of a stride's length above which it is useless, as after seconds without a rest of the foot;
+chosen by hand."""
 
 DOUBTED_SHARE = 0.2
-"""[1] Share of a sensor's strides in doubt, or useless, above which a note names them."""
+"""[1] Share of a sensor's strides in doubt, or useless, above which a note names them; chosen by hand."""
 
 REASONS = {
     "innovation": "the foot does not seem to stand still before or after",

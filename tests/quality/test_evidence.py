@@ -5,9 +5,8 @@ from types import SimpleNamespace
 
 import jax
 import numpy as np
-import pytest
 
-from jgait.quality import SOUND, SensorQuality, above, merged, notes, of_sensor, opposite
+from jgait.quality import SOUND, SensorQuality, merged, notes, of_sensor
 from jgait.quality.evidence import of_sensors
 from jgait.types import Imu, Recording
 
@@ -18,17 +17,8 @@ def test_a_sensor_has_the_facts_of_all_parts_and_one_without_any_is_sound():
     assert whole == {"foot_left": SensorQuality(late=0.1, lost=5), "waist": SOUND}
     assert first["foot_left"].lost == 3
     assert of_sensor(whole, "foot_right") is SOUND
-    assert not (SOUND.wrong or SOUND.runs or SOUND.incomplete)
+    assert not (SOUND.wrong or SOUND.runs)
     assert SensorQuality(acc_late=-0.02).wrong and SensorQuality(quick_stride=0.6).runs
-    assert all(SensorQuality(**{name: 1}).incomplete for name in ("lost", "strides_missing", "walks_after"))
-
-
-@pytest.mark.parametrize(
-    ("placement", "higher", "mate"),
-    [("foot_left", "shank_left", "foot_right"), ("shank_right", "thigh_right", "shank_left"), ("waist", "", "")],
-)
-def test_the_placements_that_a_sensor_is_compared_with(placement, higher, mate):
-    assert (above(placement), opposite(placement)) == (higher, mate)
 
 
 def test_a_note_states_each_contradiction_once():

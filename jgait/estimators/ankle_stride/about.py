@@ -6,9 +6,6 @@ from jgait.estimators.stride_flags import CLIPPED, DOUBTFUL, HALF, STAIRS, TURNI
 from jgait.estimators.totals import HEIGHT, LEG_STRIDES, WAY, has_strides
 from jgait.types import SIDES, Estimate
 
-TAPE_SD = 0.01
-"""[m] Standard deviation of the sensor's height over the ankle, measured with a tape."""
-
 FLAGS = (TURNING, STAIRS, CLIPPED, HALF, UNEVEN_DURATION, DOUBTFUL)
 
 
@@ -22,8 +19,8 @@ def numbers(estimate: Estimate) -> dict[str, float]:
 
 
 def _lever(p: AnkleParams, _: float) -> AnkleParams:
-    """A measured lever gets a smaller standard deviation than the default lever."""
-    return p._replace(lever_along_sd=min(TAPE_SD, float(p.lever_along_sd)))
+    """A lever that is measured with a tape is known to 1 cm."""
+    return p._replace(lever_along_sd=min(0.01, float(p.lever_along_sd)))
 
 
 _HEIGHT = "height of the sensor over the ankle"
@@ -56,3 +53,4 @@ ABOUT = About(
     numbers=numbers,
     losses=("distance", "stride_length", "stride_height", "stride_time", "contact_times", "likelihood", "calibration"),
 )  # fmt: skip
+"""What commands, reports and the documentation say of this estimator; its ranges bound what a user can mean."""

@@ -12,17 +12,15 @@ from jgait import filtering, quality
 from jgait.estimators.ankle_stride import model as ankle_model
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.about import ABOUT
-from jgait.estimators.ankle_stride.inputs import AnkleInputs, AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleControl, AnkleError, AnkleObservation
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions, AnkleParams, with_body
-from jgait.estimators.ankle_stride.prepare import prepare
-from jgait.estimators.ankle_stride.rates import rates_off
+from jgait.estimators.ankle_stride.prepare import AnkleInputs, AnkleSignals, prepare
 from jgait.estimators.ankle_stride.readout import FLAGS
 from jgait.estimators.checks import check_options, mean_over_interval
 from jgait.estimators.foot_ins.model import AGAIN, FootControl, FootModelParams
-from jgait.estimators.interface import Estimator, Prepared
+from jgait.estimators.interface import Estimator, Prepared, pad
 from jgait.estimators.notes import LEVER_IMPLAUSIBLE, RATES_OFF
-from jgait.estimators.programs import compiled
+from jgait.estimators.programs import bucket, compiled
 from jgait.estimators.walking import along, cut_notes, cut_off, of_turns
 from jgait.filtering import Belief
 from jgait.geometry.arrays import for_each, stacked, xp
@@ -252,7 +250,7 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
         nis, away = (
             {side: float(diagnostics[f"{name}_{SIDES[side]}"]) for side in worn} for name in ("nis", "lever_off")
         )
-        off = rates_off(run, made.inputs, made.options, nis, places)
+        off = _rates_off(made, nis, places)
         far = {places[side]: SensorQuality(lever_off=metres) for side, metres in away.items()
                if metres > ankle_strides.FARTHEST_OFF}  # fmt: skip
         notes += [RATES_OFF(placement=name, factor=sensor.rates_factor) for name, sensor in off.items()]
@@ -264,3 +262,34 @@ def _finished(result: Estimate, made: Prepared[AnkleInputs]) -> Estimate:
     if result.strides_stddev is None:
         return result
     return quality.judged(result, "ankle_stride", of_estimate(result, places), places)
+
+
+def _rates_off(made: Prepared[AnkleInputs], nis: dict[int, float], places: dict[int, str]) -> dict[str, SensorQuality]:
+    """Sensors whose rates have a wrong scale, or whose interval between samples is wrong.
+
+    With such rates the integrated inclination of a standing shank contradicts gravity: the NIS of a leg is nearly a
+    parabola of the rates' scale, whose vertex is the scale that fits. `nis` maps a side (0 right, 1 left) to the NIS of
+    all observations of the leg [1], `places` to its placement.
+    """
+    legs, scales, largest = _worn(made.inputs), (0.85, 1.0, 1.18), 1.4
+    # most good walks have a smaller NIS, all with rates off by 15 % a larger one
+    asked = [side for side, leg in legs.items() if nis[side] > 0.03 and int(leg.count) >= 4]
+    if not asked:
+        return {}
+    each: list[list[float]] = []
+    for factor in scales:
+        scaled = {
+            SIDES[side]: leg._replace(gyr=factor * leg.gyr, gyr_bias=factor * leg.gyr_bias)
+            for side, leg in legs.items()
+        }
+        inputs = pad(made.inputs._replace(**scaled), bucket(len(made.inputs.time)))
+        diagnostics = run(AnkleParams(), inputs, made.options).diagnostics
+        each.append([float(diagnostics[f"nis_{SIDES[side]}"]) for side in asked])
+    off = {}
+    for side, values in zip(asked, np.transpose(each), strict=True):
+        bend, slope, _ = np.polyfit(scales, values, 2)
+        factor = float(np.clip(-0.5 * slope / bend, 1.0 / largest, largest)) if bend > 0.0 else 1.0
+        # undamaged shanks, public and simulated, have 0.9 and 0.05; one has 0.15, but hardly a smaller NIS
+        if values.min() < 0.6 * values[1] and abs(np.log(factor)) > 0.1:
+            off[places[side]] = SensorQuality(rates_factor=factor, rates_off=True)
+    return off

@@ -1,6 +1,6 @@
 r"""Stride lengths from one sensor at the ankle or on the shank, given the gait events.
 
-Each method is differentiable in leg length, gains, lever, sensor biases and cut-off; the events are inputs, and carry
+Each method is differentiable in leg length, gains, lever, gyroscope bias and cut-off; the events are inputs, and carry
 no gradient. Signals are in the axes of the segment (forward x, left y, up z, see `mounting.shank`), so that the rate
 about y is negative in the forward swing.
 
@@ -47,7 +47,7 @@ from jaxtyping import PyTree
 from jgait.geometry.rotation import Quaternion, normalised, product, rotated, small_turn
 from jgait.geometry.vectors import Vector, add, cross, dot, root, scale, subtract, vector
 from jgait.signal.marks import Marks
-from jgait.types import Values
+from jgait.types import Counts, Values
 
 
 class StrideLengthParams(NamedTuple):
@@ -59,11 +59,10 @@ class StrideLengthParams(NamedTuple):
     #: from the point at the ankle that stands to the sensor, forward, left and up in the segment's axes [m].
     lever: Vector = Vector(0.0, 0.0, 0.0)
     gyr_bias: Vector = Vector(0.0, 0.0, 0.0)  #: gyroscope bias, in the segment's axes [rad/s].
-    acc_bias: Vector = Vector(0.0, 0.0, 0.0)  #: accelerometer bias, in the segment's axes [m/s²].
 
 
 class Swung(NamedTuple):
-    """A swing, at the sample at which it ends; 0 elsewhere: SL₁, SL₂ [m], angle θ [rad], duration T_swing [s]."""
+    """Swings (n,): SL₁, SL₂ [m], angle θ [rad], duration T_swing [s]."""
 
     chord: Values
     arc: Values
@@ -83,22 +82,16 @@ class Travelled(NamedTuple):
     duration: Values
 
 
-def pendulum(p: StrideLengthParams, gyr: ArrayLike, swings: Marks, dt: ArrayLike) -> Swung:
-    """SL₁ and SL₂ of each swing, (T,) each, at the samples at which swings of the shank end.
+def pendulum(p: StrideLengthParams, gyr: ArrayLike, begin: Counts, end: Counts, dt: ArrayLike) -> Swung:
+    """SL₁ and SL₂ of the swings (n,) of the shank from samples `begin` to samples `end`.
 
     `gyr` (T, 3) is the unfiltered rate in the segment's axes [rad/s].
     """
     rate = -(jnp.asarray(gyr)[:, 1] - p.gyr_bias.y)
-    index = jnp.arange(rate.shape[0], dtype=jnp.int32)
-    since = lax.cummax(jnp.where(swings.begin, index, -1))
-    since = jnp.concatenate([jnp.full_like(since[:1], -1), since[:-1]])  # the last begin before each sample
     turned = jnp.cumsum(0.5 * dt * (rate + jnp.concatenate([jnp.zeros_like(rate[:1]), rate[:-1]])))
-    angle = turned - jnp.where(since < 0, 0.0, turned[since])
-    duration = dt * (index - since).astype(rate.dtype)
-    long = jnp.where(swings.end, duration, 1.0)
-    arc = p.leg_length * (p.angle_gain * angle + p.time_gain * angle / long)
-    swung = (2.0 * p.leg_length * jnp.sin(0.5 * angle), arc, angle, duration)
-    return Swung(*(jnp.where(swings.end, value, 0.0) for value in swung))
+    angle, duration = turned[end] - turned[begin], dt * (end - begin).astype(rate.dtype)
+    arc = p.leg_length * (p.angle_gain * angle + p.time_gain * angle / jnp.where(duration > 0.0, duration, 1.0))
+    return Swung(2.0 * p.leg_length * jnp.sin(0.5 * angle), arc, angle, duration)
 
 
 def inertial(p: StrideLengthParams, gyr: ArrayLike, acc: ArrayLike, strides: Marks, dt: ArrayLike) -> Travelled:
@@ -117,11 +110,10 @@ def scanned(
 ) -> Travelled:  # fmt: skip
     """A scan of a method's step over the samples: (state, (rate, force, marks)) → state and stride.
 
-    `begin` gives the state at the begin of a stride from rate and force; biases are taken off before. Other arguments
-    as of `inertial`.
+    `begin` gives the state at the begin of a stride from rate, without its bias, and force. Other arguments as of
+    `inertial`.
     """
-    biases = ((gyr, p.gyr_bias), (acc, p.acc_bias))
-    samples = (*(subtract(vector(jnp.asarray(values)), bias) for values, bias in biases), strides)
+    samples = subtract(vector(jnp.asarray(gyr)), p.gyr_bias), vector(jnp.asarray(acc)), strides
 
     def step(state: PyTree, sample: PyTree) -> tuple[PyTree, Travelled]:
         going, travelled = step_function(state, sample)

@@ -28,7 +28,7 @@ from jgait.estimators import lagged
 from jgait.estimators.ankle_stride import readout as ankle_strides
 from jgait.estimators.ankle_stride.estimator import filtered, standing_prior
 from jgait.estimators.ankle_stride.params import DEFAULT, AnkleParams
-from jgait.estimators.ankle_stride.prepare import LOST_FORCE, LOST_RATE, STANDING, WINDOW_S, prepare
+from jgait.estimators.ankle_stride.prepare import LOST, STANDING, WINDOW_S, prepare
 from jgait.estimators.checks import JUMP_S
 from jgait.estimators.lagged import LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS
@@ -41,11 +41,6 @@ from jgait.notes import record
 from jgait.signal import butterworth
 from jgait.types import SIDES, Counts, Flags, Recording, RecordingError, Strides, Values
 
-DURATIONS_S = (0.2, 0.25, 0.5)
-"""[s] Durations for which a minimum of the stance rate must stay the lowest to count as the valley, for which the foot
-lands after a swing (valleys before the highest rate in it do not count), and for which the leg turns slowly (see
-`prepare.STANDING`) before it counts as standing."""
-
 
 @record
 class Worn(NamedTuple):
@@ -57,7 +52,9 @@ class Worn(NamedTuple):
     mid_shank: Values  #: 1 if the sensor is at mid shank, 0 at the ankle.
     rate_hz: Values  #: sampling rate.
     side: Counts  #: 0 right, 1 left.
-    samples: Counts  #: (4,) `DURATIONS_S` and the half width `WINDOW_S` of a stance in samples.
+    #: (4,) samples for which a minimum of the stance rate must stay the lowest to count as the valley, for which the
+    #: foot lands after a swing, for which the leg turns slowly before it stands, and half the width of a stance.
+    samples: Counts
     shift: Values  #: delay of the stance rate relative to the integrated signals, in samples.
     #: one zero for each sample of the filter's lag, for each stored change of the readings, and for those around the
     #: sample that is integrated: their numbers, known when a program is compiled.
@@ -78,7 +75,9 @@ def worn(p: AnkleParams, recording: Recording, side: str) -> Worn:
     hz = recording.sampling_rate_hz
     late, slow = (float(butterworth.delay(cutoff, hz)) for cutoff in (p.cutoff_hz, shank_stance.CUTOFF_HZ))
     shift = max(0, round((slow - late) * hz))
-    hold, _, _, reach, around = samples = [max(1, round(seconds * hz)) for seconds in (*DURATIONS_S, WINDOW_S, JUMP_S)]
+    # [s] valleys before the highest rate in which the foot lands do not count; the first three are chosen by hand
+    durations = (0.2, 0.25, 0.5, WINDOW_S, JUMP_S)
+    hold, _, _, reach, around = samples = [max(1, round(seconds * hz)) for seconds in durations]
     sizes = (hold + reach + shift, max(round(late * hz) + around, 2 * around + 1), 2 * around + 1)
     return Worn(
         leg.axes, leg.gyr_bias, leg.still_time, leg.mid_shank, leg.rate_hz, np.asarray(number, np.int32),
@@ -216,7 +215,7 @@ def _strides(
     last instant, and the end of the one before them [s].
     """
     mean, (half, ends, swung, landed) = motion.posterior.mean, at.events
-    way = ankle_strides.measured(vector(mean.position), ankle_strides.across(motion.posterior.cov))
+    way = ankle_strides.measured(mean, motion.posterior.cov)
     here, there = (ankle_strides.Heading(*yaw) for yaw in (motion.here, motion.there))
     follows = swung.leaves - landed <= shank_stance.PAUSE_S
     start = jnp.where(follows, landed, swung.leaves)
@@ -233,7 +232,7 @@ def _strides(
 
 STEPS = lagged.Steps(
     lambda p, worn: partial(_decide, worn, _low_passes(p, worn)), _prior, _filtered,
-    lambda posterior: tuple(ankle_strides.heading(posterior.mean, posterior.cov)), _strides, (LOST_RATE, LOST_FORCE),
+    lambda posterior: tuple(ankle_strides.heading(posterior.mean, posterior.cov)), _strides, LOST,
 )  # fmt: skip
 """What this estimator does with samples."""
 

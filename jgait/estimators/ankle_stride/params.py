@@ -8,10 +8,6 @@ from jgait.notes import record
 from jgait.params import Param, Parameter, documented, interval, positive, real
 from jgait.types import Measures
 
-LENGTHS = ("filter", "3d", "sl1", "sl2")
-DETECTORS = ("swings", "machine", "paper")
-SITES = ("auto", "ankle", "shank")
-
 
 @documented
 @record
@@ -31,9 +27,7 @@ class AnkleParams(NamedTuple):
     lever_left: Annotated[Param, Parameter(
         interval(-0.15, 0.15), "m", "distance to the left of the ankle", stddev="lever_across_sd",
     )] = 0.0  # fmt: skip
-    lever_along_sd: Annotated[Param, Parameter(
-        positive, "m", "standard deviation of the height over the ankle",
-    )] = 0.02  # fmt: skip
+    lever_along_sd: Annotated[Param, Parameter(positive, "m", "standard deviation of the height over the ankle")] = 0.02
     lever_across_sd: Annotated[Param, Parameter(
         positive, "m", "standard deviation of `lever_forward` and `lever_left`",
     )] = 0.01  # fmt: skip
@@ -68,9 +62,7 @@ class AnkleParams(NamedTuple):
     sway: Annotated[Param, Parameter(
         positive, "rad", "standard deviation of the leg's rotation during a detected standing",
     )] = 1.5e-3  # fmt: skip
-    tilt: Annotated[Param, Parameter(
-        positive, "rad", "standard deviation of the attitude at the first stance",
-    )] = 0.05  # fmt: skip
+    tilt: Annotated[Param, Parameter(positive, "rad", "standard deviation of the attitude at the first stance")] = 0.05
     stride_noise: Annotated[Param, Parameter(
         positive, "m", "error of a stride that the model does not contain; used for the stated errors only",
     )] = 0.012  # fmt: skip
@@ -111,22 +103,15 @@ class AnkleOptions(NamedTuple):
 DEFAULT = AnkleOptions()
 """The default pipeline, the most accurate one."""
 
-
-KNOWN = {"length": LENGTHS, "detector": DETECTORS, "site": SITES}
+KNOWN = {
+    "length": ("filter", "3d", "sl1", "sl2"), "detector": ("swings", "machine", "paper"),
+    "site": ("auto", "ankle", "shank"),
+}  # fmt: skip
 """Option → its allowed values."""
-
-MEASURES = ("lever_ankle", "lever_shank", "leg_length")
-"""Parameters that are body measures."""
 
 
 def with_body(p: AnkleParams, body: Measures) -> AnkleParams:
-    """The parameters with a person's body measures; a pair (right, left) counts as its mean.
-
-    Args:
-        p: parameters.
-        body: any of "lever_ankle", "lever_shank" and "leg_length" [m].
-
-    Raises:
-        ValueError: if `body` has another name.
+    """The parameters with a person's "lever_ankle", "lever_shank" and "leg_length" [m], if known; a pair (right, left)
+    counts as its mean. ValueError for other names.
     """
-    return with_measures("the ankle's estimator", MEASURES, p, body)
+    return with_measures("the ankle's estimator", ("lever_ankle", "lever_shank", "leg_length"), p, body)

@@ -1,35 +1,18 @@
-"""Inputs of the ankle's estimator from a recording: axes, swings, stances, standing. On the host, in NumPy.
+"""Inputs of the ankle's estimator, and how a recording gives them: axes, swings, stances, standing. In NumPy.
 
 This module makes the decisions: the sensor's axes, begin and end of strides, when the ankle stands, the gyroscope's
 bias. Decisions carry no gradient; given the decisions, `ankle_stride.run` is differentiable.
 """
 
-import numpy as np
+from typing import Annotated, NamedTuple
 
-from jgait.estimators.ankle_stride.inputs import STRIDES, AnkleInputs, AnkleSignals
-from jgait.estimators.ankle_stride.notes import shank_notes
+import numpy as np
+from jaxtyping import PyTree
+
+from jgait.estimators import checks
+from jgait.estimators import notes as kinds
 from jgait.estimators.ankle_stride.params import DEFAULT, KNOWN, AnkleOptions
-from jgait.estimators.checks import (
-    bridged,
-    check_nominal_rate,
-    check_options,
-    common_time,
-    jumps,
-    longest_loss,
-    lost_between,
-    not_bridged,
-    readings,
-    sensors_of,
-)
-from jgait.estimators.interface import Axis, Prepared
-from jgait.estimators.notes import (
-    LONGEST_LOSS,
-    NO_FIRST_STANDING,
-    NO_STEPS,
-    SAMPLED_SLOWLY,
-    STRIDES_MISSING,
-    STRIDES_UNCERTAIN,
-)
+from jgait.estimators.interface import Axis, Held, Prepared, Sampled, Times, axes_of
 from jgait.estimators.plausible import QUICK_S
 from jgait.estimators.programs import bucket, compiled
 from jgait.events import shank as shank_events
@@ -40,29 +23,80 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.mounting import shank as shank_axes
 from jgait.mounting.places import FORWARD_UNSURE
 from jgait.mounting.shank import Axes
-from jgait.notes import Note
+from jgait.notes import Kind, Note, record
 from jgait.quality import SensorQuality
+from jgait.quality.evidence import FAR_OFF
 from jgait.signal import butterworth
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
+from jgait.types import SIDES, Counts, Imu, Recording, RecordingError, Values, as_float
 
 WINDOW_S = 0.03
-"""[s] Duration before a valley, and after it, in which the ankle is taken to stand."""
+"""[s] Duration before a valley, and after it, in which the ankle is taken to stand; chosen by hand."""
 
 STANDING = 0.2
-"""[rad/s] Threshold on the leg's angular rate in a pause, and before and after the walk; below it the leg stands."""
+"""[rad/s] Angular rate below which the leg stands in a pause, and before and after the walk; chosen by hand."""
 
-LOST_RATE, LOST_FORCE = (2.5, 0.2), (5.0, 1e-3)
-"""([rad/s], [s]), ([m/s²], [s]) Error of linear interpolation over lost samples, see `bridged`. On
-moving shanks of three data sets (experiment `damage.gaps`) 0.9 rad/s and 3.2 m/s² over 0.2 s, 1.4 and 3.3 over 0.9 s;
-and half as much again for people who walk faster."""
+LOST = (2.5, 0.2), (5.0, 1e-3)
+"""([rad/s], [s]), ([m/s²], [s]) Error of linear interpolation over lost samples of the rate and of the force, see
+`checks.bridged`. On moving shanks of three data sets (experiment `damage.gaps`) 0.9 rad/s and 3.2 m/s² over 0.2 s, 1.4
+and 3.3 over 0.9 s; and half as much again for people who walk faster."""
 
-USUAL_HZ = 35.0
-"""[Hz] Sampling rate below which strides are less certain than their filter states."""
+STRIDES_QUICK = Kind(
+    "strides_quick", "check", "{placement}: strides last {seconds:.2f} s, as in running",
+    "In running the leg does not stand as in walking: lengths and distance, and angles with sleeping gyroscopes, may "
+    "be wrong by much more than their deviations say. Small children walk with such strides too.",
+)  # fmt: skip
 
-SMALL = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
-"""Detector of swings that are slower and smaller than those of strides. Of 42 legs of `walking5m`, `tripod` and
-`neura_sparse` none has more than one that is not counted as a stride; in very slow stances the shank moves less."""
+SWINGS_SMALL = Kind(
+    "swings_too_small", "check", "{placement}: {swings} {swings:swing is|swings are} too slow or too small to be "
+    "counted, beside {strides} {strides:stride|strides}",
+    "Strides and distance lack steps if the person took very short or very slow steps there; legs that tremble make "
+    "such swings too. The deviation of the distance from all sensors contains half a stride for each.",
+)  # fmt: skip
+
+PerStride = Annotated[Values, Axis("zero", 10, 2)]
+"""(K,), one entry per stride, none shorter than ten samples; 0 or False after the last stride."""
+
+
+class AnkleSignals(NamedTuple):
+    """Signals of one leg's sensor in the segment's axes (forward, left, up), and the decisions of `prepare`."""
+
+    gyr: Held  #: (T, 3) angular rate at each sample [rad/s], not filtered.
+    acc: Held  #: (T, 3) specific force [m/s²], not filtered.
+    gyr_jump: Sampled  #: (T,) largest change of the rate from sample to sample in a window around the sample [rad/s].
+    acc_jump: Sampled  #: (T,) the same of the specific force [m/s²].
+    gyr_doubt: Sampled  #: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
+    acc_doubt: Sampled  #: (T,) the same of the specific force [m/s²].
+    stands: Sampled  #: (T,) bool, the ankle stands: around valleys, and while the person stands.
+    restart: Sampled  #: (T,) 1 at the sample after the begin of a stride, else 0; in floats.
+    dt: Sampled  #: (T,) time since the sample before [s]; 0 up to the first stance, where the filter starts.
+    valid: Sampled  #: (T,) bool; False before the first stance and in padding.
+    last: Counts  #: index of the last sample before the padding.
+    rate_hz: Values  #: sampling rate.
+    attitude: PyTree  #: (4,) q_ws at the first stance, w first, its heading arbitrary.
+    gyr_bias: Values  #: (3,) gyroscope bias while standing [rad/s].
+    still_time: Values  #: duration of the standing from which that bias was measured [s]; 0: the leg never stood still.
+    mid_shank: Values  #: 1 if the sensor is at mid shank, 0 at the ankle.
+    axes: Values  #: (3, 3) forward, left and up in the sensor's axes.
+    begin: PerStride  #: (K,) sample at which each stride begins; after the last stride, 0.
+    end: PerStride  #: (K,) sample at which each stride ends.
+    swing_begin: PerStride  #: (K,) sample at which the shank's forward swing begins.
+    swing_end: PerStride  #: (K,) sample at which the shank's forward swing ends.
+    leaves: PerStride  #: (K,) time at which the swing begins, between samples [s].
+    lands: PerStride  #: (K,) time at which the swing ends, between samples [s].
+    half: PerStride  #: (K,) bool, the stride begins or ends with standing.
+    clips: PerStride  #: (K,) bool, the stride's swing reaches the gyroscope's range.
+    follows: PerStride  #: (K,) bool, the stride begins where the stride before ended.
+    count: Counts  #: number of strides.
+
+
+@record
+class AnkleInputs(NamedTuple):
+    """Inputs of `ankle_stride.run`: signals of each leg with a sensor at times (T,) [s]; every leaf is an array."""
+
+    time: Times
+    right: AnkleSignals | None
+    left: AnkleSignals | None
 
 
 def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[AnkleInputs]:
@@ -72,14 +106,14 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
         RecordingError: no such sensor, clocks that differ or run backwards, no accelerometer, NaN, too short, or a
             sampling rate that is not supported.
     """
-    check_options(options, KNOWN)
+    checks.check_options(options, KNOWN)
     kinds = ("ankle", "shank") if options.site == "auto" else (options.site,)
     # the ankle's sensor where there is one
     names = ((side, f"{kind}_{side}") for side in SIDES for kind in reversed(kinds))
     worn = {side: name for side, name in names if name in recording.sensors}
     if not worn:
         wanted = " or ".join(f"'{kind}_{side}'" for kind in kinds for side in SIDES)
-        raise RecordingError(f"ankle_stride needs {wanted}; {sensors_of(recording)}")
+        raise RecordingError(f"ankle_stride needs {wanted}; {checks.sensors_of(recording)}")
     time = _checked(recording, list(worn.values()))
     legs: dict[str, AnkleSignals | None] = dict.fromkeys(SIDES)
     notes: list[Note] = []
@@ -95,7 +129,8 @@ def prepare(recording: Recording, options: AnkleOptions = DEFAULT) -> Prepared[A
         notes += ([note] if note and note not in notes else []) + leg_notes
         standing = still if standing is None else standing
     inputs = AnkleInputs(time, legs["right"], legs["left"])
-    return Prepared(inputs, options, tuple(notes), standing, quality=quality)
+    # both sites share a compiled program
+    return Prepared(inputs, options._replace(site="auto"), tuple(notes), standing, quality=quality)
 
 
 def _checked(recording: Recording, names: list[str]) -> np.ndarray:
@@ -103,8 +138,8 @@ def _checked(recording: Recording, names: list[str]) -> np.ndarray:
     rate, (low, high) = recording.sampling_rate_hz, shank_events.RATES
     if not low <= rate <= high:
         raise RecordingError(f"ankle_stride needs {low:g} to {high:g} Hz; the recording has {rate:g} Hz")
-    time = common_time(recording, names, "ankle_stride", "both legs", least_s=1.0)
-    check_nominal_rate(time, names[0], rate)
+    time = checks.common_time(recording, names, "ankle_stride", "both legs", least_s=1.0)
+    checks.check_nominal_rate(time, names[0], rate)
     return time
 
 
@@ -124,8 +159,11 @@ def swings_of(imu: Imu, axes: Axes, rate_hz: float, detector: str) -> tuple[np.n
     Each swing ends before the next swing begins.
     """
     rate, count = as_float(imu.gyr) @ axes.rows[1], len(imu.time)
+    # of 42 legs of `walking5m`, `tripod` and `neura_sparse` none has more than one swing of half the threshold that is
+    # no stride; in very slow stances the shank moves less
+    small = shank_events.LOBES._replace(threshold=np.deg2rad(20.0), least_angle=np.deg2rad(10.0))
     detect, settings = {
-        "swings": (shank_events.swings, SMALL), "machine": (shank_events.phases, shank_events.MACHINE),
+        "swings": (shank_events.swings, small), "machine": (shank_events.phases, shank_events.MACHINE),
         "paper": (shank_events.phases, shank_events.PAPER),
     }[detector]  # fmt: skip
     swings = compiled(detect)(_padded(rate), sampling_rate_hz=rate_hz, d=settings)
@@ -148,7 +186,7 @@ def _leg(
     notes: list[Note] = []
     quality = SensorQuality()
     # a range of ±4 g cuts off some 40 m/s² at the shanks of simulated runners
-    read = readings(imu, time, clips_above=(4.0, 18.0), doubt=(2.0, 40.0), least=3)
+    read = checks.readings(imu, time, clips_above=(4.0, 18.0), doubt=(2.0, 40.0), least=3)
     lost = read.lost
     still = longest_still(
         imu.gyr, rate_hz, mask=np.asarray(imu.mask, bool), threshold=shank_axes.RESTING, at_least_s=0.5
@@ -159,7 +197,7 @@ def _leg(
     axes = shank_axes.functional_axes(at_rest)
     start = end = np.zeros(0)
     if axes is None:
-        notes.append(NO_STEPS(placement=name))
+        notes.append(kinds.NO_STEPS(placement=name))
         quality = quality._replace(unusable=True)
         axes = Axes(np.eye(3), 0.0)
     else:
@@ -171,36 +209,40 @@ def _leg(
             notes.append(FORWARD_UNSURE.note(text, placement=name))
     slow = _slow(at_rest.gyr, rate_hz)
     speed, swings = np.linalg.norm(slow, axis=1), len(start)
-    start, end, stood = _stances(slow @ axes.rows[1], speed, start, end, not_bridged(lost, time, LONGEST_LOSS), rate_hz)
+    start, end, stood = _stances(
+        slow @ axes.rows[1], speed, start, end, checks.not_bridged(lost, time, kinds.LONGEST_LOSS), rate_hz
+    )
     missing = swings - len(start)
     stands = _standing(stood, speed, rate_hz) & ~lost
     start, end, stood = _kept(stood.rests.all(axis=1), start, end, stood)
     if len(start):
         valleys = stood.end[~stood.standing[:, 1]]
         axes = shank_axes.stance_up(axes, _slow(read.acc, rate_hz), valleys if len(valleys) else stood.end)
-    if rate_hz < USUAL_HZ:
-        notes.append(SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=USUAL_HZ))
+    if rate_hz < (usual_hz := 35.0):  # strides are less certain than the filter states; chosen by hand
+        notes.append(kinds.SAMPLED_SLOWLY(placement=name, rate_hz=rate_hz, least_hz=usual_hz))
     rests = still if options.standing else None
     if rests is not None:
         off = float(np.linalg.norm(read.acc[slice(*rests)].mean(axis=0))) / GRAVITY - 1.0
         quality = quality._replace(force_off=off)
     elif options.standing:
         text = "it never stands still for half a second: its gyroscope's bias is left to the filter"
-        notes.append(NO_FIRST_STANDING.note(text, placement=name))
+        notes.append(kinds.NO_FIRST_STANDING.note(text, placement=name))
     if lost.any():
-        notes.append(STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=longest_loss(lost, time)))
+        notes.append(
+            kinds.STRIDES_UNCERTAIN(samples=lost.sum(), placement=name, longest_s=checks.longest_loss(lost, time))
+        )
     gyr, acc = (values @ axes.rows.T for values in (read.gyr, read.acc))
-    gyr_jump, acc_jump = jumps(gyr, acc, rate_hz)
+    gyr_jump, acc_jump = checks.jumps(gyr, acc, rate_hz)
     index, first = np.arange(len(time)), int(np.argmax(stands)) if stands.any() else len(time)
     upright = acc[first : first + max(3, round(2 * WINDOW_S * rate_hz))] if stands.any() else acc
     restart = np.zeros(len(time) + 1)
     restart[stood.begin + 1] = 1.0
-    gone = not_bridged(lost, time)
-    measured = lost_between(lost, time, stood.begin, stood.end) <= LONGEST_LOSS
+    gone = checks.not_bridged(lost, time)
+    measured = checks.lost_between(lost, time, stood.begin, stood.end) <= kinds.LONGEST_LOSS
     measured &= ~gone[stood.begin] & ~gone[stood.end]
     missing += int((~measured).sum())
     if missing:
-        notes.append(STRIDES_MISSING(strides=missing, placement=name, seconds=LONGEST_LOSS))
+        notes.append(kinds.STRIDES_MISSING(strides=missing, placement=name, seconds=kinds.LONGEST_LOSS))
         start, end, stood = _kept(measured, start, end, stood)
     last = float(np.median(time[stood.end] - time[stood.begin])) if len(start) else np.inf
     quality = quality._replace(
@@ -209,7 +251,7 @@ def _leg(
     )  # fmt: skip
     notes += shank_notes(name, quality)
     dt = np.where(index > first, np.diff(time, prepend=time[0]), 0.0)
-    over = bridged(lost, time, dt, gyr, acc, LOST_RATE, LOST_FORCE)
+    over = checks.bridged(lost, time, dt, gyr, acc, *LOST)
     still_s = 0.0 if rests is None else (rests[1] - rests[0]) / rate_hz
     signals = AnkleSignals(
         gyr=gyr, acc=acc, gyr_jump=gyr_jump, acc_jump=acc_jump, gyr_doubt=np.maximum(read.gyr_doubt, over.rate),
@@ -265,7 +307,9 @@ def _strides(
     start: np.ndarray, end: np.ndarray, stood: shank_stance.ShankStances, time: np.ndarray, clips: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Events and flags of each stride, padded."""
-    rows, index = STRIDES.length(len(time)), np.arange(len(time))
+    axis, index = axes_of(AnkleSignals)["begin"], np.arange(len(time))
+    assert axis is not None
+    rows = axis.length(len(time))
     first, last = (np.rint(values).astype(np.int32) for values in (start, end))
     clipped = np.concatenate([[0], np.cumsum(clips)])
     columns = {
@@ -275,3 +319,16 @@ def _strides(
         "follows": np.concatenate([[False], stood.begin[1:] == stood.end[:-1]])[: len(first)],
     }  # fmt: skip
     return {name: np.pad(values, (0, rows - len(values))) for name, values in columns.items()}
+
+
+def shank_notes(placement: str, facts: SensorQuality) -> list[Note]:
+    """Notes on steps that a sensor lacks, on signals that are off or clip, and on running."""
+    notes = []
+    if facts.small_swings:
+        notes.append(SWINGS_SMALL(placement=placement, swings=facts.small_swings, strides=facts.swings))
+    if abs(facts.force_off) > FAR_OFF:
+        notes.append(kinds.ACCELEROMETER_OFF(placement=placement, percent=100.0 * facts.force_off, when="at rest"))
+    for signal, samples in (("gyroscope", facts.gyr_clipped), ("accelerometer", facts.acc_clipped)):
+        if samples:
+            notes.append(kinds.CLIPPED(signal=signal, placement=placement, samples=samples))
+    return notes + ([STRIDES_QUICK(placement=placement, seconds=facts.quick_stride)] if facts.runs else [])

@@ -2,15 +2,13 @@
 given the events.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from jaxtyping import PyTree
 
-from jgait.estimators.ankle_stride import length as stride_length
-from jgait.estimators.ankle_stride.inputs import AnkleSignals
 from jgait.estimators.ankle_stride.model import AnkleState
 from jgait.estimators.ankle_stride.params import AnkleParams
+from jgait.estimators.ankle_stride.prepare import AnkleSignals
 from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, TIMING
 from jgait.estimators.stride_flags import LARGEST_TURN, STAIRS_M
 from jgait.filtering import Covariance
@@ -32,8 +30,7 @@ def from_filter(
 ) -> tuple[Strides, Strides, dict[str, Values]]:
     """Strides of one leg (0 right, 1 left) from the states of the filter, their standard deviations, and flags."""
     yaw = heading(state, cov)
-    x, y, z, *spread = picked(leg.end, *vector(state.position), *across(cov))
-    way = measured(Vector(x, y, z), spread)
+    way = Way(*picked(leg.end, *measured(state, cov)))
     here, there = (Heading(*picked(at, *yaw)) for at in (leg.begin, leg.end))
     strides, duration = from_events(leg, side, way.length, way.height, wrapped(there.angle - here.angle))
     stddev = deviations(p, strides, way, here, there, duration)
@@ -56,16 +53,11 @@ class Heading(NamedTuple):
     variance: Values
 
 
-def across(cov: Covariance) -> list[Values]:
-    """The entries of a position's covariance that `measured` takes."""
-    return entries(cov["position", "position"], "xx", "xy", "yy", "zz")
-
-
-def measured(way: Vector, spread: Sequence[Values]) -> Way:
-    """A stride from the ankle's position at the stride's end, counted from the stride's begin; entries of `across`."""
+def measured(state: AnkleState, cov: Covariance) -> Way:
+    """The stride that would end at each sample: the ankle's position, which counts from the stride's begin."""
+    way, (xx, xy, yy, zz) = vector(state.position), entries(cov["position", "position"], "xx", "xy", "yy", "zz")
     length = root(way.x * way.x + way.y * way.y)
     x, y = (part / xp.maximum(length, 1e-6) for part in (way.x, way.y))
-    xx, xy, yy, zz = spread
     return Way(length, way.z, xp.maximum(x * x * xx + 2.0 * x * y * xy + y * y * yy, 0.0), zz)
 
 
@@ -97,6 +89,8 @@ def by_method(
 
     `gyr` [rad/s], with the gyroscope bias, and specific force `acc` [m/s²] are filtered, (T, 3), in the segment's axes.
     """
+    from jgait.estimators.ankle_stride import length as stride_length
+
     samples, there = gyr.shape[0], xp.arange(leg.begin.shape[0], dtype=xp.int32) < leg.count
     lever = lever_of(p, leg)
     known = stride_length.StrideLengthParams(
@@ -105,13 +99,12 @@ def by_method(
     gyr, raw = gyr - leg.gyr_bias[None, :], leg.gyr - leg.gyr_bias[None, :]
     dt = 1.0 / leg.rate_hz
     between = marks.marks(leg.begin, leg.end, samples, there)
-    swung = marks.marks(leg.swing_begin, leg.swing_end, samples, there)
     spatial = stride_length.inertial(known, gyr, acc, between, dt)
     if method == "3d":
         length = spatial.level[leg.end]
     else:
-        swings = stride_length.pendulum(known, raw, swung, dt)
-        length = (swings.chord if method == "sl1" else swings.arc)[leg.swing_end]
+        swings = stride_length.pendulum(known, raw, leg.swing_begin, leg.swing_end, dt)
+        length = swings.chord if method == "sl1" else swings.arc
     strides, _ = from_events(leg, side, length, spatial.rise[leg.end], spatial.turn[leg.end])
     return strides, flags(strides, clipped=leg.clips, half=leg.half)
 

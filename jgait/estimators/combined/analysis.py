@@ -2,7 +2,7 @@
 
 import importlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -10,23 +10,15 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators.checks import check_shapes, sensors_of
-from jgait.estimators.combined.compare import (
-    Comparison,
-    alike,
-    comparisons,
-    quality_of,
-    regular,
-    side_notes,
-    with_sides_unlike,
-)  # fmt: skip
 from jgait.estimators.combined.crosscheck import crosscheck
 from jgait.estimators.combined.distance import WalkedDistance, distances, walked
-from jgait.estimators.combined.sources import SourceEstimate, sources, with_time_wrong
-from jgait.estimators.combined.strides import JoinedStrides, joined
+from jgait.estimators.combined.sources import SourceEstimate, alike, sources, with_sides_unlike, with_time_wrong
+from jgait.estimators.combined.strides import JoinedStrides, joined, quality_of, regular, side_notes
 from jgait.estimators.notes import NO_STEPS
 from jgait.estimators.plausible import knee_notes, knees
 from jgait.estimators.proportions import in_metres
 from jgait.estimators.stride_flags import stride_notes
+from jgait.estimators.totals import median
 from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL
 from jgait.estimators.walking import inside, walking_alone
 from jgait.notes import Kind, Note, as_doubts, gravest_first, without_repeats
@@ -49,6 +41,16 @@ ANGLES_DOUBTFUL = Kind(
 ONE_LEG_SEEN = Kind(
     "one_leg_seen", "info", "strides of the {side} leg alone are measured", "All numbers of strides are of this leg."
 )
+
+
+class Comparison(NamedTuple):
+    """One quantity of a walk as one source measures it."""
+
+    quantity: str  #: "stride_length" [m], "distance" [m], "walking_speed" [m/s] or "strides" [1].
+    source: str  #: name of the source, or "combined".
+    value: float  #: the value; of strides the median over the regular ones, see `regular`.
+    stddev: float | None  #: its standard deviation, or None where none is stated.
+    strides: int  #: number of strides that the value is from; 0 for a distance.
 
 
 class Analysis(NamedTuple):
@@ -175,7 +177,10 @@ def analyse(
             strides = strides._replace(stddev=with_share(strides.stddev, strides.strides, by_rate))
         if total is not None:
             total = total._replace(stddev=float(np.hypot(total.stddev, by_rate * total.distance[-1])))
-    stated = [note for source in estimates for note in _stated(source, strides, total) if note not in bent]
+    firm = False
+    if strides is not None and len(strides.rows) > 1:
+        firm = bool(np.mean(as_float(strides.stddev.length) > UNCERTAIN) <= DOUBTED_SHARE)
+    stated = [note for source in estimates for note in _stated(source, firm, total) if note not in bent]
     estimate = _assembled(estimates, strides, total, walking.spans)
     follow = {*writer.contradictions(recording.quality)}.difference(writer.contradictions(quality))
     of_reader = [note for note in recording.notes if note not in follow]
@@ -183,17 +188,20 @@ def analyse(
     order = gravest_first(without_repeats(every))
     valid = {f"angles_valid_{side}": side not in unusable for side in SIDES if getattr(estimate.legs, side) is not None}
     sensors = merged(quality, *(source.quality for source in estimates))
+    if firm:  # what one sensor cannot say, others do
+        sensors = {name: sensor._replace(unusable=False) for name, sensor in sensors.items()}
     facts = {**valid, "clocks_apart": any(name.startswith("foot_") for name in off), "notes": order, "sensors": sensors}
     estimate = estimate._replace(diagnostics={**estimate.diagnostics, **facts})
-    rows = comparisons(estimates, strides, ways, total)
+    rows = _comparisons(estimates, strides, ways, total)
     return Analysis(estimate, tuple(estimates), strides, tuple(rows), order, body)
 
 
-def _stated(source: SourceEstimate, strides: JoinedStrides | None, total: WalkedDistance | None) -> list[Note]:
-    """The notes of a source; one that forbids its strides or its distance is a doubt where other sources give them."""
+def _stated(source: SourceEstimate, firm: bool, total: WalkedDistance | None) -> list[Note]:
+    """The notes of a source; one that forbids its strides or its distance is a doubt where other sources give them:
+    strides of all sources that are `firm`.
+    """
     notes = list(source.estimate.diagnostics["notes"])
-    uncertain = None if strides is None or len(strides.rows) < 2 else as_float(strides.stddev.length) > UNCERTAIN
-    if uncertain is not None and np.mean(uncertain) <= DOUBTED_SHARE:
+    if firm:
         notes = as_doubts(notes, STANCES_RARE)
     if total is not None and source.name not in total.source.split("+"):
         notes = as_doubts(notes, DISTANCE_DOUBTFUL, source.name)
@@ -273,3 +281,29 @@ def _assembled(
         feet_stddev=None if feet is None else stated(feet.feet_stddev, feet.valid),
         strides_stddev=None if strides is None else strides.stddev,
     )
+
+
+def _comparisons(
+    sources: Sequence[SourceEstimate], strides: JoinedStrides | None, walked: Sequence[WalkedDistance],
+    total: WalkedDistance | None,
+) -> list[Comparison]:  # fmt: skip
+    """Every quantity that a source measures, and the combined value."""
+    rows: list[Comparison] = []
+    if strides is not None:
+        usual = regular(strides)
+        tables = {
+            source.name: (strides.rows[source.name], source.estimate.strides, source.estimate.strides_stddev)
+            for source in sources if source.name in strides.rows
+        }  # fmt: skip
+        tables["combined"] = np.arange(len(usual)), strides.strides, strides.stddev
+        for quantity, field in (("stride_length", "length"), ("walking_speed", "speed")):
+            for name, (at, values, spread) in tables.items():
+                if (column := getattr(values, field)) is not None:
+                    known = at[(at >= 0) & usual]
+                    known = known[np.isfinite(as_float(column)[known])]
+                    middle, sd = median(column, known), median(getattr(spread, field, None), known)
+                    rows += [] if middle is None else [Comparison(quantity, name, middle, sd or None, len(known))]
+        counts = {name: int((at >= 0).sum()) for name, (at, *_) in tables.items()}
+        rows += [Comparison("strides", name, float(count), None, count) for name, count in counts.items()]
+    every = [*walked, *([] if total is None else [total._replace(source="combined")])]
+    return rows + [Comparison("distance", each.source, float(each.distance[-1]), each.stddev, 0) for each in every]

@@ -32,20 +32,17 @@ CLOCK_OFF = Kind(
 )  # fmt: skip
 
 USUAL_RATE = {"foot": 7.5, "ankle": 5.6, "shank": 5.4, "thigh": 3.2, "wrist": 3.2, "": 1.7}
-"""[rad/s] 99th percentile of the norm of the rate in walking; "" for the trunk and the head. From public recordings."""
-
-UNIT_RATIO = 7.5
-"""[1] Threshold on the ratio of a sensor's rate to the expected rate: the root of 180 / π, half way to another unit."""
+"""[rad/s] 99th percentile of the norm of the rate in walking, of public recordings; "" for the trunk and the head."""
 
 OFFSETS = {"foot": -0.10, "shank": 0.0, "ankle": 0.02, "thigh": -0.08}
 """[strides] Phase of the stride frequency in the squared rate, after that of the shank of the same leg. Medians of
 `walking5m` and `neura_sparse`; feet and ankles vary by 0.03, thighs by 0.1 between people."""
 
 SHARES = (np.arange(64) + 0.5) / 64.0
-"""[strides] Moments of a stride at which movements are compared."""
+"""[strides] Moments of a stride at which movements are compared; chosen by hand."""
 
 STRIDE_S = (0.7, 2.2)
-"""[s] Shortest and longest stride."""
+"""[s] Shortest and longest stride of walking; chosen by hand."""
 
 
 @record
@@ -120,7 +117,7 @@ def _units(sensors: Mapping[str, Imu], rates: Mapping[str, float]) -> tuple[list
     pace = float(np.exp(min(middle_two, key=abs, default=0.0)))
     for name, imu in sensors.items():
         ratio = rates[name] / pace
-        if rates[name] > 0.0 and not 1.0 / UNIT_RATIO < ratio < UNIT_RATIO:
+        if rates[name] > 0.0 and abs(np.log(ratio)) > 0.5 * np.log(180.0 / np.pi):  # half way to another unit
             wrong.add(name)
             text = (
                 "the gyroscope of {placement} seems to be in {unit}: it turns at {rate:.3g} rad/s where the other "

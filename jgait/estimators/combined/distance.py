@@ -35,7 +35,8 @@ DISTANCE_ADDED = Kind(
 )  # fmt: skip
 
 USUAL_SPEED, USUAL_STRIDE_S = 1.2, 1.1
-"""[m/s], [s] Walking speed and duration of a stride, for the distance that a sensor did not see."""
+"""[m/s], [s] Walking speed and duration of a stride of healthy adults, for the distance that a sensor did not see;
+chosen by hand."""
 
 
 class WalkedDistance(NamedTuple):
@@ -93,7 +94,10 @@ def distances(
         doubted = {name for name in source.placements if useless or of_sensor(source.quality, name).unusable}
         doubted |= wrong | late if legs else wrong
         sides = _sides(source, recording, doubted)
-        used = _best(sides)
+        # sides that are not in doubt, or else all; of these, those that do not lack more than others, by 0.5 m
+        sound = [side for side in sides if not side.doubtful and side.length > 0.0] or sides
+        least = min((side.unknown for side in sound), default=0.0)
+        used = [side for side in sound if side.unknown <= least + 0.5]
         way, doubtful = as_float(estimate.distance), bool(doubted.intersection(source.placements)) or _lacking(source)
         doubtful |= runs and legs  # in the flight phase no foot carries the hip
         if len(used) < len(sides):
@@ -111,13 +115,6 @@ def _lacking(source: SourceEstimate, side: str = "") -> bool:
     """True if steps of a source, or of one side of it, are missing, or are beyond what it can measure."""
     quality = (facts for name, facts in source.quality.items() if name.endswith(side))
     return too_fast(source.estimate) or any(facts.runs or facts.unlike for facts in quality)
-
-
-def _best(sides: list[_Side]) -> list[_Side]:
-    """The sides with strides that are not in doubt, or else all; of these, those that do not lack more than others."""
-    sound = [side for side in sides if not side.doubtful and side.length > 0.0] or sides
-    least = min((side.unknown for side in sound), default=0.0)
-    return [side for side in sound if side.unknown <= least + 0.5]  # [m]
 
 
 def _sides(source: SourceEstimate, recording: Recording, doubted: set[str]) -> list[_Side]:

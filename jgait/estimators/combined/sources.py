@@ -1,6 +1,6 @@
 """The estimators that the sensors of a recording allow, each run once: the sources of a combined estimate."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax
@@ -8,22 +8,36 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import params
-from jgait.estimators import ankle_stride, foot_ins, leg_ekf, stride_width_ekf, waist
+from jgait.estimators import get, leg_ekf
 from jgait.estimators.ankle_stride import AnkleOptions
 from jgait.estimators.checks import sensors_of
 from jgait.estimators.interface import Estimator
 from jgait.estimators.proportions import gives, height_notes, outside
-from jgait.estimators.stride_width_ekf.notes import RANGE_OFFSET_ABSENT
+from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN
 from jgait.estimators.waist.params import SITES
 from jgait.notes import LEFT_OUT, Kind, Note, record
 from jgait.quality import SensorQuality, widened
-from jgait.quality.evidence import LEAST_FACTOR
 from jgait.quality.model import LENGTH_BY_TIME
-from jgait.types import SIDES, Estimate, Imu, Recording, RecordingError
+from jgait.types import SIDES, Estimate, Imu, Recording, RecordingError, as_float
 
 NOT_USED = Kind(
     "source_not_used", "check", "{source}: no estimate, because {reason}",
     "These sensors could not be used. What the other sensors measure does not depend on them.",
+)  # fmt: skip
+
+RANGE_OFFSET_ABSENT = Kind(
+    "range_offset_absent", "check", "the offset of the range between the feet is not given: {offset:g} m is taken, and "
+    "widths are off by its error",
+    "All stride widths of the recording are too large or too small by the same amount. Measure on the person how much "
+    "farther apart the sensors of the feet are than the range says, and compute the result again.",
+)  # fmt: skip
+
+SIDES_UNLIKE = Kind(
+    "lengths_of_sides_apart", "check", "stride length by {source}: {right:.2f} m on the right, {left:.2f} m on the "
+    "left (medians of {strides} pairs of strides at the same time)",
+    "Both feet of a person who walks straight go as far. At least one side is measured wrongly, as of a stiff leg "
+    "whose shank hardly swings, a sensor of another scale, or one that moves on the leg. Which one is not known: the "
+    "deviations of stride lengths and of the distance contain half of the difference. Do not read it as asymmetry.",
 )  # fmt: skip
 
 MEASURES = {
@@ -53,45 +67,36 @@ class SourceEstimate(NamedTuple):
         return quality
 
 
-class _Way(NamedTuple):
-    """How to make a source: its estimator, and the sensors of a recording that it uses; none if it has too few."""
+class SourceKind(NamedTuple):
+    """A source that sensors can make."""
 
     name: str
-    make: Callable[[], Estimator[PyTree, PyTree]]
-    uses: Callable[[Recording], tuple[str, ...]]
+    estimator: str
+    segments: tuple[str, ...] = ()  #: those of each leg that need a sensor; none: the trunk.
+    options: PyTree = None  #: options of the estimator; None: the default ones.
 
+    def make(self) -> Estimator[PyTree, PyTree]:
+        """Its estimator."""
+        return get(self.estimator) if self.options is None else get(self.estimator, self.options)
 
-def _ankle_stride(site: str) -> Estimator[PyTree, PyTree]:
-    """`ankle_stride` for one site; both sites share a compiled program."""
-    made = ankle_stride.estimator(AnkleOptions(site=site))
-    return made._replace(prepare=lambda recording: made.prepare(recording)._replace(options=ankle_stride.DEFAULT))
+    def uses(self, recording: Recording) -> tuple[str, ...]:
+        """The sensors of a recording that it uses; none if it has too few."""
+        worn = set(recording.sensors)
+        if not self.segments:
+            return tuple(name for name in SITES if name in worn)[:1]
+        legs = [[f"{segment}_{side}" for segment in self.segments] for side in SIDES]
+        names = tuple(name for leg in legs if set(leg) <= worn for name in leg)
+        return names if self.name != "width" or (len(names) == 2 and recording.feet_range is not None) else ()
 
-
-def _worn(*segments: str) -> Callable[[Recording], tuple[str, ...]]:
-    """The sensors on some segments of each leg that has all of them."""
-    legs = [[f"{segment}_{side}" for segment in segments] for side in SIDES]
-    return lambda recording: tuple(name for leg in legs if set(leg) <= set(recording.sensors) for name in leg)
-
-
-def _trunk(recording: Recording) -> tuple[str, ...]:
-    return tuple(name for name in SITES if name in recording.sensors)[:1]
-
-
-def _ranged(recording: Recording) -> tuple[str, ...]:
-    feet = _worn("foot")(recording)
-    return feet if len(feet) == 2 and recording.feet_range is not None else ()
-
-
-KINEMATICS = leg_ekf.DEFAULT._replace(distance="stance")
-"""Options of the legs: their distance is independent of that of the shanks, which are a source of their own."""
 
 WAYS = (
-    _Way("feet", foot_ins.estimator, _worn("foot")),
-    _Way("ankles", lambda: _ankle_stride("ankle"), _worn("ankle")),
-    _Way("shanks", lambda: _ankle_stride("shank"), _worn("shank")),
-    _Way("waist", waist.estimator, _trunk),
-    _Way("legs", lambda: leg_ekf.estimator(KINEMATICS), _worn("thigh", "shank")),
-    _Way("width", stride_width_ekf.estimator, _ranged),
+    SourceKind("feet", "foot_ins", ("foot",)),
+    SourceKind("ankles", "ankle_stride", ("ankle",), AnkleOptions(site="ankle")),
+    SourceKind("shanks", "ankle_stride", ("shank",), AnkleOptions(site="shank")),
+    SourceKind("waist", "waist"),
+    # their distance is independent of that of the shanks, which are a source of their own
+    SourceKind("legs", "leg_ekf", ("thigh", "shank"), leg_ekf.DEFAULT._replace(distance="stance")),
+    SourceKind("width", "stride_width_ekf", ("foot",)),
 )
 """All sources; if several measure a stride, its times come from the first."""
 
@@ -112,7 +117,8 @@ def sources(
         tuned = [way.make().name for way in WAYS if unknown[0] in params.names(way.make().transforms)]
         hint = f", a parameter of {tuned[0]}, which {tuned[0]}.estimate(params, recording) takes" if tuned else ""
         raise ValueError(f"a person has {', '.join(sorted(known))}; got {unknown[0]!r}{hint}")
-    _check_measures(person)
+    if person:  # else no estimator is imported for its ranges
+        _check_measures(person)
     estimates: list[SourceEstimate] = []
     notes: list[Note] = []
     reasons: list[str] = []
@@ -167,7 +173,7 @@ def _unused(recording: Recording, estimates: list[SourceEstimate]) -> list[Note]
         if placement.startswith("thigh"):
             reason = "it is worn without the shank of that leg"
         elif placement in SITES:
-            reason = f"{_trunk(recording)[0]} serves as well"
+            reason = f"{next(name for name in SITES if name in recording.sensors)} serves as well"
         else:
             reason = "no estimator takes a sensor there"
         notes.append(LEFT_OUT.note(f"{placement} is not used: {reason}"))
@@ -186,7 +192,7 @@ def with_time_wrong(
     }
     # lengths grow with the square of the interval between samples
     off = {
-        name: LENGTH_BY_TIME * abs(float(np.log(max(facts.rates_factor, LEAST_FACTOR))))
+        name: LENGTH_BY_TIME * facts.rates_error
         for source in estimates for name, facts in source.quality.items() if facts.rates_off
     }  # fmt: skip
     # a few places of a joined file change no other stride
@@ -201,3 +207,53 @@ def with_time_wrong(
         for source in estimates
     ]  # fmt: skip
     return changed, share, frozenset(name for source in estimates for name in source.placements)
+
+
+def _sides_of(source: SourceEstimate) -> tuple[float, float, int, float]:
+    """Median lengths of right and left strides at the same time [m], neither in a turn or in doubt, the number of such
+    pairs, and the median difference over the mean length [1], NaN for few pairs.
+    """
+    strides = source.estimate.strides
+    if strides is None or source.name == "width":
+        return np.nan, np.nan, 0, np.nan
+    side, start, end, length = (as_float(getattr(strides, name)) for name in ("side", "start", "end", "length"))
+    straight = np.asarray(strides.valid, bool)
+    if strides.turn is not None:
+        straight = straight & (np.abs(as_float(strides.turn)) <= LARGEST_TURN)
+    if (doubted := DOUBTFUL.read(source.estimate)) is not None:
+        straight = straight & ~doubted
+    right, left = (np.flatnonzero(straight & (side == number)) for number in range(len(SIDES)))
+    if not (len(left) and len(right)):
+        return np.nan, np.nan, 0, np.nan
+    middle = 0.5 * (start + end)
+    near = left[np.argmin(np.abs(middle[right, None] - middle[left]), axis=1)]
+    at_once = (start[right] < end[near]) & (start[near] < end[right])
+    of_right, of_left = length[right][at_once], length[near][at_once]
+    if len(of_right) < 6:
+        return np.nan, np.nan, len(of_right), np.nan
+    medians = float(np.median(of_right)), float(np.median(of_left))
+    return *medians, len(of_right), abs(float(np.median(of_right - of_left))) / float(np.mean(medians))
+
+
+def alike(sources: Sequence[SourceEstimate], placements: frozenset[str]) -> bool:
+    """Whether a source with these two sensors measures strides of the same length on both sides, as of a stiff leg."""
+    return any(_sides_of(source)[3] < 0.05 for source in sources if placements.issubset(source.placements))
+
+
+def with_sides_unlike(
+    sources: Sequence[SourceEstimate], wrong: frozenset[str]
+) -> tuple[list[SourceEstimate], list[Note]]:
+    """The sources, with larger deviations where both sides' strides differ in length, and a note for each such source;
+    sources with a sensor in `wrong`, which another note explains, do not change.
+    """
+    changed, notes = list(sources), []
+    for number, source in enumerate(sources):
+        if len(source.placements) != len(SIDES) or wrong.intersection(source.placements):
+            continue
+        right, left, strides, differs = _sides_of(source)
+        # between walks of public sets, and simulated hemiparetic walks whose distance is wrong
+        if differs > 0.1:
+            share = np.full(np.shape(source.estimate.strides.side), 0.5 * differs)
+            changed[number] = source._replace(estimate=widened(source.estimate, share))
+            notes.append(SIDES_UNLIKE(source=source.name, right=right, left=left, strides=strides))
+    return changed, notes

@@ -1,6 +1,6 @@
 """One table of strides from several sources: common strides are matched, and quantities combined by their variances."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,18 +14,30 @@ from jgait.estimators.stride_flags import (
     HALF,
     SIDE_UNKNOWN,
     STAIRS,
+    STRIDE_FLAGS,
     TURNING,
     UNEVEN_DURATION,
     UNSURE,
+    without,
 )
-from jgait.notes import record
+from jgait.notes import WRONG_PLACE, Kind, Note, record
+from jgait.quality import StrideQuality
 from jgait.types import SIDES, Estimate, Legs, Strides, as_float
 
+FEET_OF_CONTACTS_DIFFER = Kind(
+    "feet_of_contacts_differ", "check", "right and left: {source} and {other} say the opposite of {opposite} of "
+    "{contacts} contacts: the labels of the right and left sensors seem exchanged, the waist's sensor faces the other "
+    "way, or the person walks backwards",
+    WRONG_PLACE,
+)  # fmt: skip
+
 SAME_CONTACT = 0.25
-"""[s] Contacts of a side, from two sensors, that are closer than this are the same; so are strides that end there."""
+"""[s] Contacts of a side, from two sensors, that are closer than this are the same; so are strides that end there.
+Chosen by hand, a quarter of a stride."""
 
 CONSISTENT = 3.0
-"""[1] Values of a stride are combined if they differ by fewer standard deviations of their difference than this."""
+"""[1] Values of a stride are combined if they differ by fewer standard deviations of their difference than this; chosen
+by hand."""
 
 FIELDS = tuple(name for name in Strides._fields if name not in ("side", "valid"))
 """Quantities of a stride."""
@@ -134,93 +146,82 @@ def _matched(columns: list[_Columns], side: int, wrong: frozenset[str]) -> list[
     return [group for *_, group in groups]
 
 
-class _JoinedStride(NamedTuple):
-    """One stride, with the values of its sources."""
-
-    first: str
-    side: int
-    group: dict[str, int]
-    values: np.ndarray
-    spread: np.ndarray
-    flags: set[str]
-    used: frozenset[str]
-    contradicts: bool
-    doubtful: bool
-
-
 AT = {name: number for number, name in enumerate(FIELDS)}
 """Quantity → its column."""
 
 
-def _stride(columns: Mapping[str, _Columns], group: dict[str, int]) -> _JoinedStride:
-    """A stride from its row in each source; rows in doubt count only where no other source has the stride. If the clock
-    of a source is in doubt, all but its times count.
-    """
-    every = [name for name in columns if name in group]
-    value, sd = ({name: getattr(columns[name], part)[group[name]] for name in every} for part in ("values", "spread"))
-    sure = [name for name in every if not columns[name].doubted[group[name]]]
-    side = int(columns[every[0]].source.estimate.strides.side[group[every[0]]])
-    timed = [name for name in every if columns[name].timed[side]] or every
-    timed = [name for name in timed if name in sure] or timed
-    names = sure or timed
-    first = timed[0]
-    values, spread = np.full((2, len(FIELDS)), np.nan)
-    for field, at in AT.items():
-        of_field = timed if field in TIMES else names
-        if name := next((name for name in of_field if np.isfinite(value[name][at])), ""):
-            values[at], spread[at] = value[name][at], sd[name][at]
-    used, contradicts = frozenset([names[0]]), False
-    for field in COMBINED:
-        at = AT[field]
-        known = [name for name in names if np.isfinite(value[name][at]) and sd[name][at] > 0.0]
-        if known:
-            numbers = np.array([[value[name][at], sd[name][at]] for name in known])
-            values[at], spread[at], kept = combined(numbers[:, 0], numbers[:, 1], correlation(known))
-            if field == "length":
-                used = frozenset(name for name, keeps in zip(known, kept, strict=True) if keeps)
-                contradicts = not kept.all()
-    length, step, speed = (AT[name] for name in ("length", "step_length", "speed"))
-    stepped = next((name for name in names if np.isfinite(value[name][step])), first)
-    share = values[length] / value[stepped][length] if value[stepped][length] > 0.0 else np.nan
-    values[step], spread[step] = share * values[step], share * spread[step]  # a part of the combined stride
-    if value[first][length] > 0.0:
-        values[speed] = value[first][speed] * values[length] / value[first][length]
-    if sd[first][length] > 0.0:
-        spread[speed] = sd[first][speed] * spread[length] / sd[first][length]
-    flags = {flag for name in names for flag, of_source in columns[name].flags.items() if of_source[group[name]]}
-    return _JoinedStride(first, side, group, values, spread, flags, used, contradicts, names[0] not in sure)
-
-
 def _table(columns: list[_Columns], groups: list[dict[str, int]], width: SourceEstimate | None) -> JoinedStrides:
+    """The strides of groups, which map the name of each source that has the stride to its row.
+
+    Rows in doubt count only where no other source has the stride. If the clock of a source is in doubt, all but its
+    times count.
+    """
     by_name = {each.source.name: each for each in columns}
-    rows = sorted((_stride(by_name, group) for group in groups), key=lambda stride: stride.values[AT["start"]])
-    side = np.array([stride.side for stride in rows], int)
-    values, spread = (dict(zip(FIELDS, np.array([getattr(stride, part) for stride in rows]).T, strict=True))
-                      for part in ("values", "spread"))  # fmt: skip
-    stated = dict.fromkeys(name for each in columns for name in each.flags)
-    flags = {name: np.array([name in stride.flags for stride in rows], bool) for name in stated}
+    values, spread = np.full((2, len(groups), len(FIELDS)), np.nan)
+    side, contradicts, doubtful = np.zeros(len(groups), int), *np.zeros((2, len(groups)), bool)
+    rows = {name: np.array([group.get(name, -1) for group in groups], int) for name in by_name}
+    used = {name: np.zeros(len(groups), bool) for name in by_name}
+    flags = {name: np.zeros(len(groups), bool) for each in columns for name in each.flags}
+    firsts = np.full(len(groups), "", object)
+    length, step, speed = (AT[name] for name in ("length", "step_length", "speed"))
+    for n, group in enumerate(groups):
+        every = [name for name in by_name if name in group]
+        value = {name: by_name[name].values[group[name]] for name in every}
+        sd = {name: by_name[name].spread[group[name]] for name in every}
+        sure = [name for name in every if not by_name[name].doubted[group[name]]]
+        side[n] = by_name[every[0]].source.estimate.strides.side[group[every[0]]]
+        timed = [name for name in every if by_name[name].timed[side[n]]] or every
+        timed = [name for name in timed if name in sure] or timed
+        names, first = sure or timed, timed[0]
+        combines, firsts[n], doubtful[n] = names[:1], first, not sure
+        for field, at in AT.items():
+            known = [name for name in (timed if field in TIMES else names) if np.isfinite(value[name][at])]
+            if known:
+                values[n, at], spread[n, at] = value[known[0]][at], sd[known[0]][at]
+            known = [name for name in known if sd[name][at] > 0.0]
+            if field in COMBINED and known:
+                numbers = np.array([[value[name][at], sd[name][at]] for name in known])
+                values[n, at], spread[n, at], agree = combined(numbers[:, 0], numbers[:, 1], correlation(known))
+                if field == "length":
+                    combines = [name for name, agrees in zip(known, agree, strict=True) if agrees]
+                    contradicts[n] = not agree.all()
+        stepped = next((name for name in names if np.isfinite(value[name][step])), first)
+        share = values[n, length] / value[stepped][length] if value[stepped][length] > 0.0 else np.nan
+        values[n, step], spread[n, step] = share * values[n, step], share * spread[n, step]  # of the combined stride
+        if value[first][length] > 0.0:
+            values[n, speed] = value[first][speed] * values[n, length] / value[first][length]
+        if sd[first][length] > 0.0:
+            spread[n, speed] = sd[first][speed] * spread[n, length] / sd[first][length]
+        for name in combines:
+            used[name][n] = True
+        for name in names:
+            for stated, of_source in by_name[name].flags.items():
+                flags[stated][n] |= of_source[group[name]]
+    order = np.argsort(values[:, AT["start"]], kind="stable")
+    side, firsts, contradicts, doubtful = (column[order] for column in (side, firsts, contradicts, doubtful))
+    rows, used, flags = ({name: of[order] for name, of in table.items()} for table in (rows, used, flags))
+    of_field, of_spread = (dict(zip(FIELDS, table[order].T, strict=True)) for table in (values, spread))
     if width is not None:
-        flags["width_valid"] = _widths(values, spread, side, width)
-    flags[DOUBTFUL.name] = np.array([stride.doubtful for stride in rows], bool)
-    strides, deviations = _strides(side, values), _strides(side, spread)
+        flags["width_valid"] = _widths(of_field, of_spread, side, width)
+    flags[DOUBTFUL.name] = doubtful
+    needed, valid = ("length", "width", "height"), np.ones(len(side), bool)
+    kept: list[dict[str, PyTree]] = [
+        {name: column if name in needed or np.isfinite(column).any() else None for name, column in table.items()}
+        for table in (of_field, of_spread)
+    ]
+    strides, deviations = (Strides(side=side, valid=valid, **table) for table in kept)
     none = np.zeros(0)
     whole = Estimate(none, Legs(None, None), None, None, none, dict(flags), strides, strides_stddev=deviations)
     for flag in (STAIRS, HALF, UNEVEN_DURATION):  # as every table reads them
         if (marked := flag.read(whole)) is not None:
             flags[flag.name] = np.asarray(marked, bool)
-    return JoinedStrides(
-        strides, deviations,
-        {name: np.array([stride.group.get(name, -1) for stride in rows], int) for name in by_name},
-        {name: np.array([name in stride.used for stride in rows], bool) for name in by_name},
-        tuple(stride.first for stride in rows), flags, np.array([stride.contradicts for stride in rows], bool),
-    )  # fmt: skip
+    return JoinedStrides(strides, deviations, rows, used, tuple(firsts.tolist()), flags, contradicts)
 
 
 def correlation(names: Iterable[str]) -> np.ndarray:
     """(k, k) correlation of the errors of sources; ankle and shank are one segment, measured by one method."""
     known = list(names)
-    shared = {frozenset(("ankles", "shanks")): 0.5}
-    return np.array([[1.0 if a == b else shared.get(frozenset((a, b)), 0.0) for b in known] for a in known])
+    return np.array([[1.0 if a == b else 0.5 * ({a, b} == {"ankles", "shanks"}) for b in known] for a in known])
 
 
 def combined(
@@ -269,10 +270,41 @@ def _widths(
     return there & np.asarray(trusted, bool)[row]
 
 
-def _strides(side: np.ndarray, columns: dict[str, np.ndarray]) -> Strides:
-    """A record of strides; optional columns without any number are None."""
-    needed = ("length", "width", "height")
-    kept: dict[str, PyTree] = {
-        name: values if name in needed or np.isfinite(values).any() else None for name, values in columns.items()
-    }
-    return Strides(side=side, valid=np.ones(len(side), bool), **kept)
+def regular(strides: JoinedStrides, column: str = "stride_length_m") -> np.ndarray:
+    """(n,) bool, strides that count in medians of a column, as in reports."""
+    return without(strides.flags, STRIDE_FLAGS, len(strides.first), column)
+
+
+def side_notes(sources: Sequence[SourceEstimate], strides: JoinedStrides) -> list[Note]:
+    """A note if the waist's contacts are on the other side than those of feet, ankles or shanks."""
+    waist = next((source for source in sources if source.name == "waist"), None)
+    worn = [name for name in strides.rows if name != "waist" and (strides.rows[name] >= 0).any()]
+    ours = np.array([name != "waist" for name in strides.first], bool)
+    if waist is None or not ours.any() or set(np.asarray(strides.strides.side)) != set(range(len(SIDES))):
+        return []
+    diagnostics = waist.estimate.diagnostics
+    sure = as_float(diagnostics["initial_contact_side_probability"]) > 0.9
+    apart = np.abs(as_float(diagnostics["initial_contact"])[sure, None] - as_float(strides.strides.end)[ours])
+    near = apart.min(axis=1) < SAME_CONTACT
+    theirs = np.asarray(strides.strides.side)[ours][apart.argmin(axis=1)]
+    contacts = int(near.sum())
+    opposite = int((near & (theirs != np.asarray(diagnostics["initial_contact_side"])[sure])).sum())
+    if contacts < 4 or opposite < 0.75 * contacts:
+        return []
+    return [FEET_OF_CONTACTS_DIFFER(source="waist", other=" and ".join(worn), opposite=opposite, contacts=contacts)]
+
+
+def quality_of(strides: JoinedStrides, sources: Sequence[SourceEstimate]) -> StrideQuality:
+    """The quality of joined strides: of the sources that their lengths come from the smallest doubt, for these agree,
+    and the widest interval.
+    """
+    doubt, wide = np.full(len(strides.first), np.inf), np.zeros(len(strides.first))
+    for source in sources:
+        if (quality := source.estimate.diagnostics.get("quality")) is not None and source.name in strides.used:
+            used = np.flatnonzero(strides.used[source.name])
+            rows = strides.rows[source.name][used]
+            doubt[used] = np.minimum(doubt[used], quality.doubt[rows])
+            wide[used] = np.maximum(wide[used], quality.interval[rows])
+    known = np.isfinite(doubt)
+    doubt, wide = np.where(known, doubt, np.nan), np.where(known, wide, np.nan)
+    return StrideQuality(doubt, np.ones(len(known)), wide, {})

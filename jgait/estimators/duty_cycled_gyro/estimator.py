@@ -14,7 +14,7 @@ from jgait.duty_cycle import power
 from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
 from jgait.duty_cycle.fillers.registry import fillers
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
-from jgait.estimators.ankle_stride.notes import STRIDES_QUICK
+from jgait.estimators.ankle_stride.prepare import STRIDES_QUICK
 from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.duty_cycled_gyro import model as duty_model
 from jgait.estimators.duty_cycled_gyro import turns

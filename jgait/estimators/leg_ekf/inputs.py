@@ -4,7 +4,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from jgait.estimators.ankle_stride.inputs import AnkleInputs
+from jgait.estimators.ankle_stride.prepare import AnkleInputs
 from jgait.estimators.interface import Axis, Sampled, Times
 from jgait.mounting.pose import Pose
 from jgait.notes import record

@@ -9,9 +9,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jgait.estimators.ankle_stride.inputs import AnkleInputs
-from jgait.estimators.ankle_stride.notes import shank_notes
 from jgait.estimators.ankle_stride.params import AnkleOptions
+from jgait.estimators.ankle_stride.prepare import AnkleInputs, shank_notes
 from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared

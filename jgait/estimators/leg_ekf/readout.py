@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import jax
 
-from jgait.estimators.ankle_stride.inputs import AnkleSignals
+from jgait.estimators.ankle_stride.prepare import AnkleSignals
 from jgait.geometry.arrays import xp
 from jgait.types import Flags, Legs, LegTrajectory, Values
 

@@ -1,7 +1,7 @@
 """Estimators sample by sample, behind one object: `online` makes it, `Online.push` takes samples and tells what is new.
 
-`device` runs an estimator in a compiled loop, `export` writes it as a program that runs without jgait; `legs`, `duty`
-and `strides` are the estimators that have a causal form; `samples` checks samples; `session` puts them together.
+`device` runs an estimator in a compiled loop, `export` writes it as a program that runs without jgait; `legs` and
+`duty` give angles; `samples` checks samples; `session` joins them with the strides of feet, ankles and shanks.
 """
 
 from jgait.estimators.online.device import Device

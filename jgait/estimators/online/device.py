@@ -21,7 +21,7 @@ from jgait.notes import record
 from jgait.types import Counts, Flags, Values
 
 BLOCK = 16
-"""[samples] Most samples of one call of the compiled program; longer blocks are divided."""
+"""[samples] Most samples of one call of the compiled program; longer blocks are divided. Chosen by hand."""
 
 
 class Readings(NamedTuple):

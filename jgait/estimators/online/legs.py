@@ -32,7 +32,7 @@ KINEMATICS = DEFAULT._replace(smooth=False, distance="stance")
 """The options of the device."""
 
 START_VARIANCE = 0.3
-"""[rad²] Variance of the angles at the first sample: a stream may begin in any phase of a stride."""
+"""[rad²] Variance of the angles at the first sample, as a stream may begin in any phase of a stride; chosen by hand."""
 
 SETTLES_S = 5.0
 """[s] Time of walking after which angles are usable though the person has not stood since the stream began, or since
@@ -111,7 +111,7 @@ class LegsState(NamedTuple):
     legs: LegBeliefs  #: what is known of each leg, leaves (n, …).
     lost: Values  #: (n, 2) time since the last measured sample of thigh and shank [s]; 0: the newest is measured.
     slow: Values  #: samples for which all gyroscopes have been slow.
-    settling: Values  #: (2,) whether angles can be trusted, see `standing.settled`.
+    settling: Values  #: (2,) whether angles can be trusted, see `settled`.
     #: (3,) displacement of the hip by the feet in stance [m]; numbers of samples in which the foot of a single leg
     #: moved, and in which it moved backward.
     sums: Values

@@ -10,16 +10,13 @@ from jgait.geometry.vectors import GRAVITY
 from jgait.types import AnyArray, as_float
 
 LONGEST_GAP_S = 5.0
-"""[s] Longest time without samples that is bridged; of a longer gap only so much."""
+"""[s] Longest time without samples that is bridged; of a longer gap only so much. Chosen by hand."""
 
 LATE = 1.5
-"""[1] Interval over the usual one from which on samples are missing."""
+"""[1] Interval over the usual one from which on samples are missing; half way to one that is missing."""
 
 FASTEST_MEAN = 15.0
 """[rad/s] Largest mean rate of a limb; of feet, ankles, shanks and thighs in all public sets, also running, it is 6."""
-
-FORCES = (0.5 * GRAVITY, UNIT_FORCES[-1][0])
-"""[m/s²] Least and largest mean size of the specific force; in these sets it is from 9 to 30."""
 
 
 class Block(NamedTuple):
@@ -109,7 +106,9 @@ class Pushes:
         sizes = (np.sqrt(np.square(sensors[..., part]).sum(axis=2)) for part in (slice(3), slice(3, 6)))
         sums = self._sizes + np.stack([*sizes, sensors[..., 6], sensors[..., 7]], axis=2).sum(axis=0)
         rate, force = (sums[:, :2] / np.maximum(sums[:, 2:], 1.0)).T
-        wrong = np.stack([rate > FASTEST_MEAN, (force < FORCES[0]) | (force > FORCES[1])], axis=1)
+        # in the sets of `FASTEST_MEAN` the mean force is from 9 to 30 m/s²
+        unlike = (force < 0.5 * GRAVITY) | (force > UNIT_FORCES[-1][0])
+        wrong = np.stack([rate > FASTEST_MEAN, unlike], axis=1)
         wrong &= sums[:, 2:] > 0.75 * self._rate_hz
         if wrong.any():
             first = int(np.argmax(wrong.any(axis=1)))

@@ -1,6 +1,7 @@
 """A person's sensors, sample by sample: what each new block of samples tells."""
 
 from collections.abc import Mapping, Sequence
+from types import ModuleType
 from typing import NamedTuple
 
 import jax
@@ -8,18 +9,21 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait.estimators import get
+from jgait.estimators.ankle_stride import online as ankle_online
 from jgait.estimators.combined.sources import MEASURES
+from jgait.estimators.foot_ins import online as foot_online
 from jgait.estimators.lagged import LaggedNow
 from jgait.estimators.notes import LONGEST_LOSS
-from jgait.estimators.online import duty, legs, strides
-from jgait.estimators.online.device import Device, Runner
+from jgait.estimators.online import duty, legs
+from jgait.estimators.online.device import Device, Readings, Runner
 from jgait.estimators.online.export import ExportedStep, exported
 from jgait.estimators.online.samples import Block, Pushes
 from jgait.estimators.proportions import gives
 from jgait.estimators.walking import of_turns
+from jgait.geometry.arrays import stacked
 from jgait.notes import Note, record
 from jgait.params import check_params
-from jgait.types import SIDES, AnyArray, Legs, LegTrajectory, Recording, RecordingError, Strides
+from jgait.types import SIDES, AnyArray, Counts, Legs, LegTrajectory, Recording, RecordingError, Strides
 
 CAUSAL: dict[str, dict[str, tuple[str, ...]]] = {
     "foot_ins": {"feet": ("foot",)},
@@ -39,10 +43,6 @@ OFFLINE = {
 PREFERRED = ("feet", "ankles", "shanks")
 """Sources of strides, in the order in which their contacts are preferred."""
 
-ALONE = 3
-"""[1] Strides of one side in a row, without one of the other, from which on the other counts as missing. With a pause
-or a missed stride there are two."""
-
 
 @record
 class NewStrides(NamedTuple):
@@ -60,9 +60,6 @@ class NewContacts(NamedTuple):
     time: np.ndarray  #: (n,) [s].
     side: np.ndarray  #: (n,) 0 right, 1 left.
     initial: np.ndarray  #: (n,) bool, True for an initial, False for a final contact.
-
-
-NO_CONTACTS = NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
 
 
 @record
@@ -134,7 +131,7 @@ class Online:
         results = [run.runner.push(block.rows[:, run.columns]) for run in self._runs]
         self._clock.accept(block)
         every = np.ones(block.time.size, bool)
-        news = News(block.time, None, None, {}, every, every, {}, NO_CONTACTS, {}, {})
+        news = News(block.time, None, None, {}, every, every, {}, _contacts({}), {}, {})
         for run, now in zip(self._runs, results, strict=True):
             news.lost[run.source] = run.lost(block)
             if run.source != "legs":
@@ -193,11 +190,13 @@ class _Run:
 class StridesWay:
     """Distance along strides: the mean over the sides, or that of one where the strides of the other are missing.
 
-    A side is missing whose sensor is stuck or lost for `ALONE` strides of the other. Then each stride of the side that
-    is left counts as one of both; of the strides in a row, the first has its partner before them.
+    A side is missing whose sensor is stuck or lost for `alone` strides of the other; with a pause or a missed stride
+    there are two. Then each stride of the side that is left counts as one of both; of the strides in a row, the first
+    has its partner before them.
     """
 
-    def __init__(self, sides: int) -> None:
+    def __init__(self, sides: int, alone: int = 3) -> None:
+        self._alone = alone
         self._share = 1.0 / sides
         self._side, self._number, self._uncounted = -1, 0, 0.0
         self.total = 0.0  #: [m]
@@ -212,7 +211,7 @@ class StridesWay:
             self._number += 1
             self.total += self._share * way
             self._uncounted += (1.0 - self._share) * way * (self._number > 1)
-            if self._number >= ALONE:
+            if self._number >= self._alone:
                 self.total, self._uncounted = self.total + self._uncounted, 0.0
         return self.total
 
@@ -229,7 +228,7 @@ def _contacts(strides: Mapping[str, NewStrides]) -> NewContacts:
     """Contacts of the strides of the preferred source."""
     table = next((strides[name].strides for name in PREFERRED if name in strides), None)
     if table is None or not table.end.size:
-        return NO_CONTACTS
+        return NewContacts(np.zeros(0), np.zeros(0, np.int32), np.zeros(0, bool))
     time = np.concatenate([table.final_contact, table.end])
     initial = np.arange(time.size) >= len(table.end)
     order = np.argsort(time, kind="stable")
@@ -260,6 +259,39 @@ def _chosen(names: str | Sequence[str] | None, recording: Recording) -> list[tup
             f"online there are feet, ankles, shanks, and thighs with shanks; the recording has {sorted(worn)}"
         )
     return chosen
+
+
+def _strides_device(source: str, p: PyTree, recording: Recording) -> Device:
+    """The device for a source, "feet", "ankles" or "shanks", of a person who walks in a recording.
+
+    Its constants are the parameters, and the mountings of n sensors, leaves (n, …).
+
+    Raises:
+        RecordingError: as `worn` of `foot_ins.online` or `ankle_stride.online`.
+    """
+    of, site = (foot_online, "foot") if source == "feet" else (ankle_online, source.removesuffix("s"))
+    sides = tuple(number for number, side in enumerate(SIDES) if f"{site}_{side}" in recording.sensors)
+    names = tuple(f"{site}_{SIDES[number]}" for number in sides)
+    alone = recording._replace(sensors={name: recording.sensors[name] for name in names})
+    mountings = stacked(*(of.worn(p, alone, SIDES[number]) for number in sides))
+    return Device(source, names, (p, mountings), _begin, _advance, of, sides)
+
+
+def _begin(constants: PyTree, sample: Readings, of: ModuleType) -> PyTree:
+    """The state before the first sample, see `Device`; `of` is the estimator's module."""
+    p, mountings = constants
+    return jax.vmap(lambda worn, gyr, acc: of.begin(p, worn, gyr, acc))(mountings, sample.gyr, sample.acc)
+
+
+def _advance(
+    constants: PyTree, state: PyTree, samples: Readings, count: Counts, of: ModuleType
+) -> tuple[PyTree, PyTree]:
+    """A block of samples, see `Device`."""
+    p, mountings = constants
+    return jax.vmap(
+        lambda worn, before, gyr, acc, there: of.over(p, worn, before, gyr, acc, there, count),
+        in_axes=(0, 0, 1, 1, 1), out_axes=(0, 1),
+    )(mountings, state, samples.gyr, samples.acc, samples.turned & samples.acc_measured)  # fmt: skip
 
 
 def online(
@@ -299,6 +331,6 @@ def online(
             device, more = (legs if name == "leg_ekf" else duty).device(p, calibration)
             notes += more
         else:
-            device = strides.device(source, p, calibration)
+            device = _strides_device(source, p, calibration)
         devices.append(device)
     return Online(devices, calibration.sampling_rate_hz, tuple(dict.fromkeys(notes)))

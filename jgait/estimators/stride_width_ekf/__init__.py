@@ -21,7 +21,7 @@ Outputs:
 How far to trust it:
     Without any usable range, the mean width has the spread of people, 2.5 cm, which its deviation states; a wide base
     is not measured. Changes from stride to stride are: on `gaitmap_example` their error is 0.8 cm, see
-    `stride_width_ekf.passings`. Between ranges, the standard deviation of widths grows with the distance walked;
+    `prepare.passings`. Between ranges, the standard deviation of widths grows with the distance walked;
     `diagnostics["width_valid"]` is False where it is above `WidthOptions.widest_stddev`.
     No width is valid, and a note says so, if more than 30 % of the ranges do not fit the paths of the feet. A constant
     error of the range, such as a wrong offset or scale, cannot be detected, nor can exchanged sensors of both feet.
@@ -49,9 +49,8 @@ Deviations from the paper:
 """
 
 from jgait.estimators.stride_width_ekf.estimator import estimate, estimator, run, with_body
-from jgait.estimators.stride_width_ekf.inputs import WidthInputs
 from jgait.estimators.stride_width_ekf.params import DEFAULT, PAPER, WidthOptions, WidthParams
-from jgait.estimators.stride_width_ekf.prepare import prepare_from_feet
+from jgait.estimators.stride_width_ekf.prepare import WidthInputs, prepare_from_feet
 
 __all__ = [
     "DEFAULT",

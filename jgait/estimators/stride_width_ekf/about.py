@@ -55,3 +55,4 @@ ABOUT = FOOT._replace(
         "contact_times", "likelihood", "calibration",
     ),
 )  # fmt: skip
+"""What commands, reports and the documentation say of this estimator; its ranges bound what a user can mean."""

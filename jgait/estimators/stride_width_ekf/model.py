@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jgait.estimators.stride_width_ekf.params import WidthParams
 from jgait.filtering import Belief, Covariance, Model
 from jgait.types import SIDES, Flags, Values
 
@@ -69,17 +70,7 @@ class WidthObservation(NamedTuple):
     along: Values
 
 
-class WidthModelParams(NamedTuple):
-    """Variances of the model, squares of the standard deviations in `WidthParams`."""
-
-    position_noise: Values
-    heading_noise: Values
-    turn_noise: Values
-    range_noise: Values
-    passing_noise: Values
-
-
-def transition(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> WidthState:
+def transition(params: WidthParams, state: WidthState, control: WidthControl, dt: Values) -> WidthState:
     """Equation 3."""
     del params, dt
     moved: dict[str, Values] = {}
@@ -97,7 +88,7 @@ def transition(params: WidthModelParams, state: WidthState, control: WidthContro
     return WidthState(**moved)
 
 
-def transition_noise(params: WidthModelParams, state: WidthState, control: WidthControl, dt: Values) -> Covariance:
+def transition_noise(params: WidthParams, state: WidthState, control: WidthControl, dt: Values) -> Covariance:
     """V R Vᵀ of equation 4: noise of Δx and Δy grows with the path; noise of Δθ is added once a stride. While samples
     are lost, the heading is not known either, by the variance of the movement [m²] up to 0.25 rad².
     """
@@ -111,8 +102,9 @@ def transition_noise(params: WidthModelParams, state: WidthState, control: Width
 
     variances = []
     for foot in control:
-        shift = params.position_noise * foot.way + foot.lost
-        variances += [shift, shift, foot.leaves * (params.heading_noise + params.turn_noise * foot.turn**2)]
+        shift = params.position_noise**2 * foot.way + foot.lost
+        heading = params.heading_noise**2 + params.turn_noise**2 * foot.turn**2
+        variances += [shift, shift, foot.leaves * heading]
     V = jax.jacfwd(moved)(jnp.zeros(6, state.heading_right.dtype))
     lost = {f"heading_{side}": jnp.minimum(foot.lost, 0.25) for side, foot in zip(SIDES, control, strict=True)}
     more = jnp.stack([lost.get(name, jnp.zeros_like(V[0, 0])) for name in WidthState._fields])
@@ -127,38 +119,35 @@ def between(state: WidthState) -> WidthObservation:
     return WidthObservation(y * c - x * s, -x * c - y * s)
 
 
-def observation(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
+def observation(params: WidthParams, state: WidthState, control: WidthControl) -> WidthObservation:
     """Equation 6."""
     del params, control
     return between(state)
 
 
-def observation_noise(params: WidthModelParams, state: WidthState, control: WidthControl) -> WidthObservation:
+def observation_noise(params: WidthParams, state: WidthState, control: WidthControl) -> WidthObservation:
     """The paper's Q: variances of the range and of the distance along at a passing."""
     del state, control
-    return WidthObservation(params.range_noise, params.passing_noise)
+    return WidthObservation(params.range_noise**2, params.passing_noise**2)
 
 
-def initial(params: WidthModelParams) -> Belief:
-    """Feet side by side, 0.15 m apart; `start_belief` gives the belief of a recording."""
-    del params
-    return start_belief(0.0, 0.0, 0.15, 0.15, 0.5, 0.2)
+def initial(params: WidthParams) -> Belief:
+    """Both feet head along the x axis; `start_belief` gives the belief of a recording."""
+    return start_belief(params, 0.0, 0.0)
 
 
-def start_belief(
-    heading_right: Values, heading_left: Values, width: Values, across: Values, along: Values, heading_stddev: Values
-) -> Belief:
-    """The belief before the first interval: the right foot at the origin, the left foot at `width` [m] to its left.
+def start_belief(p: WidthParams, heading_right: Values, heading_left: Values) -> Belief:
+    """The belief before the first interval: the right foot at the origin, the left foot beside it, headings [rad].
 
-    The standard deviations are of the left foot across and along [m], and of the angle between both headings [rad];
-    those of the right foot are about 0, since it defines the world frame.
+    The standard deviations of the right foot are about 0, since it defines the world frame.
     """
-    zero = jnp.zeros_like(jnp.asarray(heading_right) + heading_left + width)
+    zero = jnp.zeros_like(jnp.asarray(heading_right) + heading_left + p.start_width)
     s, c = jnp.sin(heading_right + zero), jnp.cos(heading_right + zero)
-    mean = (zero, zero, heading_right + zero, -width * s, width * c, heading_left + zero, zero, zero, zero, zero)
-    side, ahead, known = across**2, along**2, 1e-6
+    x, y = -p.start_width * s, p.start_width * c
+    mean = (zero, zero, heading_right + zero, x, y, heading_left + zero, zero, zero, zero, zero)
+    side, ahead, known = p.start_across**2, p.start_along**2, 1e-6
     apart = side * s * s + ahead * c * c, side * c * c + ahead * s * s
-    variances = WidthState(known, known, known, *apart, heading_stddev**2, zero, zero, zero, zero)
+    variances = WidthState(known, known, known, *apart, p.start_heading**2, zero, zero, zero, zero)
     cov = Covariance.from_variances(variances).with_entries({("apart_x", "apart_y"): (ahead - side) * s * c})
     return Belief(WidthState(*mean), cov)
 

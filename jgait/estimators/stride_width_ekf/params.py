@@ -37,9 +37,7 @@ class WidthParams(NamedTuple):
     heading_noise: Annotated[Param, Parameter(
         positive, "rad", "standard deviation of the change of heading from stride to stride",
     )] = 0.01  # fmt: skip
-    turn_noise: Annotated[Param, Parameter(
-        positive, "1", "increase of `heading_noise` per radian of turn",
-    )] = 0.03  # fmt: skip
+    turn_noise: Annotated[Param, Parameter(positive, "1", "increase of `heading_noise` per radian of turn")] = 0.03
     range_noise: Annotated[Param, Parameter(
         positive, "m", "standard deviation of the range as a measure of the distance across",
     )] = 0.01  # fmt: skip
@@ -50,7 +48,7 @@ class WidthParams(NamedTuple):
     )] = 0.04  # fmt: skip
     usual_passing: Annotated[Param, Parameter(
         fixed, "m", "distance of the feet across when they pass, of people whose feet swing straight ahead; used "
-        "without a range, see `stride_width_ekf.passings`",
+        "without a range, see `stride_width_ekf.prepare.passings`",
     )] = 0.115  # fmt: skip
     passing_share: Annotated[Param, Parameter(
         fixed, "1", "increase of `usual_passing` with the distance by which swinging feet keep outside",
@@ -81,8 +79,12 @@ class WidthOptions(NamedTuple):
         turn: change of heading between strides above which a foot is in a turn; ranges in turns are left out [rad].
         outlier: ranges that differ more than this from the median of the nine around them are left out [m].
         widest_stddev: widths with a larger standard deviation are flagged [m].
+        most_misfits: share of ranges whose innovation, across or along, is above two standard deviations, above which
+            no width is valid [1]; 5 % are expected. Chosen: simulated walks of ten gaits, and a recorded one with
+            distances between markers, have fewer than 0.3; ranges of which half are far too short, and ranges that are
+            read at any moment, have more.
         usual_passings: without a usable range, feet pass each other as those of usual people do, see
-            `stride_width_ekf.passings`.
+            `stride_width_ekf.prepare.passings`.
     """
 
     method: filtering.Method = filtering.IteratedEKF()
@@ -91,6 +93,7 @@ class WidthOptions(NamedTuple):
     turn: float = math.radians(15.0)
     outlier: float = 0.1
     widest_stddev: float = 0.05
+    most_misfits: float = 0.3
     usual_passings: bool = True
 
 

@@ -1,30 +1,74 @@
-"""Inputs of the stride width estimator from trajectories of both feet and ranges. NumPy, on the host.
+"""Inputs of the stride width estimator, from trajectories of both feet and ranges. NumPy, on the host.
 
 This module selects the ranges and detects turns. It has no gradient; `stride_width_ekf.run` is differentiable for given
-inputs.
+inputs. Without a range, `passings` takes its place.
 """
 
 import itertools
 from collections.abc import Sequence
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from jgait.estimators.interface import Prepared
-from jgait.estimators.stride_width_ekf import notes as kinds
-from jgait.estimators.stride_width_ekf.inputs import StrideRows, WidthInputs
+from jgait.estimators.interface import Axis, Held, Prepared, Sampled
 from jgait.estimators.stride_width_ekf.model import PathControl
 from jgait.estimators.stride_width_ekf.params import DEFAULT, WidthOptions
-from jgait.estimators.stride_width_ekf.passings import passings
 from jgait.estimators.stride_width_ekf.trajectories import FootTrack, Pair, checked_feet, contact_times
-from jgait.notes import Note
+from jgait.notes import NO_RANGE, Kind, Note, record
 from jgait.types import Feet, RangeReadings, RecordingError, Values
 
-HALF_PASSING = 0.12
-"""[s] Readings closer than this to each other, or to the shortest one, belong to one passing of the feet."""
+FEW_STRIDES = Kind(
+    "few_strides", "check", "a foot has {strides} {strides:stride|strides}, and two of each are needed: no widths",
+    "Stride widths are stated from two strides of each foot on; a longer walk has them.",
+)  # fmt: skip
+RANGE_ABSENT = Kind("range_absent", "check", "{why}: widths have the mean of usual people", NO_RANGE)
+RANGES_LEFT_OUT = Kind(
+    "ranges_left_out", "corrected", "left out {ranges} {ranges:range|ranges} {why}",
+    "Distances between the feet that cannot be right, or come at the wrong moment, were not used.",
+)  # fmt: skip
 
-NEARLY = 0.1
-"""[m] Readings up to this much above the shortest belong to its passing."""
+HALF_PASSING = 0.12
+"""[s] Readings closer than this to each other, or to the shortest one, belong to one passing of the feet: chosen by
+hand, below a quarter of a stride."""
+
+
+class StrideRows(NamedTuple):
+    """Strides of both feet as indices of moments in `WidthInputs`; every field is (N,), with padding at the end."""
+
+    side: np.ndarray  #: 0 right, 1 left.
+    moment: np.ndarray  #: index of the moment at the end of the stride, the middle of its second stance.
+    start: np.ndarray  #: initial contact at the start of the stride [s].
+    final_contact: np.ndarray  #: final contact [s].
+    end: np.ndarray  #: initial contact at the end of the stride [s].
+    standing: np.ndarray  #: middle of the first stance [s].
+    standing_end: np.ndarray  #: middle of the second stance [s].
+    height: np.ndarray  #: rise from stance to stance [m].
+    turn: np.ndarray  #: change of heading from the previous stride [rad].
+    passed: np.ndarray  #: True if the other foot has exactly one stance in between.
+    valid: np.ndarray  #: False for padding.
+
+
+@record
+class WidthInputs(NamedTuple):
+    """Inputs of `stride_width_ekf.run` at N moments: stances, ranges, double support; every leaf is an array, so that
+    inputs can be padded, stacked and mapped.
+    """
+
+    time: Held  #: (N,) [s].
+    right: Annotated[PathControl, Axis()]  #: control over the interval that ends at each moment, fields (N,).
+    left: Annotated[PathControl, Axis()]
+    height_right: Held  #: (N,) height of the right foot's sensor in the world frame of its trajectory [m].
+    height_left: Held
+    #: (N,) measured range, or without one how far swinging feet keep outside, see `passings` [m]; 0 at other moments.
+    distance: Sampled
+    range_measured: Sampled  #: (N,) bool, True at moments with a usable range.
+    turning: Sampled  #: (N,) bool, True in a turn of one of the feet.
+    double_support: Sampled  #: (N,) bool, both feet are on the ground.
+    usual: np.ndarray  #: bool, True: there is no range, and feet pass each other as those of usual people.
+    start_heading: np.ndarray  #: (2,) heading of the right and of the left foot before the first moment [rad].
+    strides: Annotated[StrideRows, Axis()]  #: strides and the moments at which they end.
+    valid: Sampled  #: (N,) bool, False for padding.
 
 
 def prepare_from_feet(
@@ -63,9 +107,41 @@ def prepare_from_feet(
         times, distances = times[known], distances[known]
     strides = min(len(foot.mids) - 1 for foot in pair)
     if strides < 2:
-        notes.append(kinds.FEW_STRIDES(strides=max(strides, 0)))
+        notes.append(FEW_STRIDES(strides=max(strides, 0)))
     inputs = _inputs(pair, turning, times, distances, usual, start_heading, strides >= 2)
     return Prepared(inputs, options, tuple(notes))
+
+
+def passings(pair: Pair) -> tuple[np.ndarray, np.ndarray]:
+    """Times at which a foot has made half of its stride (n,) [s], and the mean of δ (n,) [m], in place of a range.
+
+    In mid-swing a foot passes the other one, which stands: it has then made half of its stride, since the steps of most
+    people are alike, and the feet are nearly as far apart at each passing of a walk (within 0.5 to 2 cm). This distance
+    differs from the width w between footholds by δ, how far the swinging foot keeps outside of the line between its own
+    two footholds. Each foot's trajectory shows its δ. Between people, both distances vary alike; with the mean of δ
+    over a walk
+
+        z₁ = μ + δ̄ / 2
+
+    at each passing, half of what usual distances at passings say of the width, and half of what usual widths say. So
+    changes of the width from stride to stride are measured, and so are those of the headings; the mean width has the
+    spread of people (`WidthParams.people_noise`), and that of a person with a wide or a narrow base is wrong by more.
+
+    Source: this library. μ from the markers on 8 healthy people: 4 of `nikonpic`, 3 of `gaitspeed`, 1 of
+    `gaitmap_example`, with widths of 7 to 15 cm, distances at passings of 9 to 17 cm, and δ from −3 to 5 cm.
+    """
+    times, outside = [], []
+    for side, foot in enumerate(pair):
+        for first, last in itertools.pairwise(np.searchsorted(foot.time, foot.mids)):
+            way = foot.position[first : last + 1, :2] - foot.position[first, :2]
+            length = float(np.hypot(*way[-1]))
+            if length < 0.5:  # [m] feet that shuffle or turn on the spot do not pass as in walking
+                continue
+            along, left = way @ way[-1] / length, (way[:, 1] * way[-1, 0] - way[:, 0] * way[-1, 1]) / length
+            half = int(np.argmax(along >= 0.5 * length))
+            times.append(foot.time[first + half])
+            outside.append(left[half] if side else -left[half])
+    return np.array(times), np.full(len(times), np.mean(outside) if outside else 0.0)
 
 
 def _inside(times: np.ndarray, spans: Sequence[tuple[float, float]]) -> np.ndarray:
@@ -90,7 +166,7 @@ def _usable(
     from scipy.ndimage import median_filter
 
     def none(why: str) -> tuple[np.ndarray, np.ndarray, list[Note]]:
-        return np.zeros(0), np.zeros(0), [kinds.RANGE_ABSENT(why=why)]
+        return np.zeros(0), np.zeros(0), [RANGE_ABSENT(why=why)]
 
     if read is None:
         return none("there is no range between the feet")
@@ -114,10 +190,10 @@ def _usable(
         f"above {options.longest_range:g} m": measured & ~near, "unlike those around": odd, "in turns": turned,
         "at which the feet were not known": ~known & ~turned,
     }  # fmt: skip
-    notes = [kinds.RANGES_LEFT_OUT(ranges=which.sum(), why=why) for why, which in left_out.items() if which.any()]
+    notes = [RANGES_LEFT_OUT(ranges=which.sum(), why=why) for why, which in left_out.items() if which.any()]
     usable = known & ~turned
     if not usable.any():
-        notes.append(kinds.RANGE_ABSENT(why="no range is left"))
+        notes.append(RANGE_ABSENT(why="no range is left"))
     return times[usable], distances[usable], notes
 
 
@@ -140,11 +216,15 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
     """The passings in one group of readings: (time, distance) each."""
     if np.ptp(distances) < 0.06:  # [m] neither approach nor departure of a foot
         return [(0.5 * (times[0] + times[-1]), float(np.median(distances)))]
-    nearest, left = [], np.ones(distances.size, bool)
+    nearest, left, higher = (
+        [],
+        np.ones(distances.size, bool),
+        0.1,
+    )  # [m] readings of a passing are less above the lowest
     while left.any():
         lowest = np.flatnonzero(left)[np.argmin(distances[left])]
         since = times - times[lowest]
-        near = (np.abs(since) <= HALF_PASSING) & (distances <= distances[lowest] + NEARLY)
+        near = (np.abs(since) <= HALF_PASSING) & (distances <= distances[lowest] + higher)
         if 0 < lowest < distances.size - 1 and near.sum() >= 3:
             curve, slope, level = np.polyfit(since[near], distances[near] ** 2, 2)
             at = -0.5 * slope / curve if curve > 0.0 else np.inf
@@ -152,7 +232,7 @@ def _nearest(times: np.ndarray, distances: np.ndarray) -> list[tuple[float, floa
             if abs(at) < HALF_PASSING and square > 0.0:
                 nearest.append((float(times[lowest] + at), float(np.sqrt(square))))
         # another passing is at least a quarter of a stride away
-        left &= (np.abs(since) > 2.0 * HALF_PASSING) & (distances <= distances[lowest] + 2.0 * NEARLY)
+        left &= (np.abs(since) > 2.0 * HALF_PASSING) & (distances <= distances[lowest] + 2.0 * higher)
     return nearest
 
 

@@ -7,9 +7,9 @@ import jax
 from jaxtyping import PyTree
 
 from jgait.estimators.programs import compiled
-from jgait.estimators.stride_width_ekf.inputs import StrideRows
 from jgait.estimators.stride_width_ekf.model import WidthState, between
 from jgait.estimators.stride_width_ekf.params import WidthParams
+from jgait.estimators.stride_width_ekf.prepare import StrideRows
 from jgait.estimators.stride_width_ekf.trajectories import SHORTEST_WAY
 from jgait.filtering import Covariance
 from jgait.geometry.arrays import xp

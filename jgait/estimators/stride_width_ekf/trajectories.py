@@ -6,12 +6,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from jgait.estimators.stride_width_ekf.notes import FOOT_BRIDGED
-from jgait.notes import Note
+from jgait.notes import LOSSES, Kind, Note
 from jgait.types import SIDES, Feet, FootTrajectory, RecordingError
 
+FOOT_BRIDGED = Kind(
+    "foot_bridged", "check", "the {side} foot is not known at {samples} {samples:sample|samples}; bridged", LOSSES
+)
 SHORTEST_WAY = 0.15
-"""[m] Shortest way of a stride whose direction is known; chosen."""
+"""[m] Shortest way of a stride whose direction is known; chosen by hand."""
 
 
 class FootTrack(NamedTuple):

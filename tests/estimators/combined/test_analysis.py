@@ -11,13 +11,12 @@ from experiments.damage import harm
 from jgait import io, simulate
 from jgait.commands.jobs import of_analysis as results_of
 from jgait.estimators import stride_flags
-from jgait.estimators.combined.compare import regular
 from jgait.estimators.combined.distance import distances
 from jgait.estimators.combined.sources import MEASURES
-from jgait.estimators.combined.strides import combined
+from jgait.estimators.combined.strides import combined, regular
 from jgait.estimators.stride_flags import STRIDE_FLAGS
 from jgait.io.checks import contradictions
-from jgait.quality import SensorQuality
+from jgait.quality import SensorQuality, trust
 from jgait.quality import notes as writer
 from jgait.report import of_analysis
 from jgait.simulate.sensors import OPAL
@@ -199,6 +198,7 @@ def test_a_source_that_knows_its_strides_badly_forbids_nothing_that_others_measu
     for found, lengths, distance in ((both, "check", "check"), (one_foot, "stop", "check"), (alone, "stop", "stop")):
         severities = {note.code: note.severity for note in of_code(found.notes, "stances_rare", "distance_doubtful")}
         assert severities == {"stances_rare": lengths, "distance_doubtful": distance}
+    assert [trust(found.estimate).recording for found in (both, alone)] == [True, False]
     assert max(both.estimate.strides_stddev.length) < 0.1 and both.estimate.distance[-1] == pytest.approx(2.0, rel=0.1)
 
 

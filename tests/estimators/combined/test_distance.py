@@ -11,8 +11,7 @@ from made.trunk import walk as trunk_walk
 
 import jgait
 from jgait import simulate
-from jgait.estimators.combined.compare import SIDES_UNLIKE, alike, with_sides_unlike
-from jgait.estimators.combined.sources import SourceEstimate
+from jgait.estimators.combined.sources import SIDES_UNLIKE, SourceEstimate, alike, with_sides_unlike
 from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import Estimate, Legs, Strides
 

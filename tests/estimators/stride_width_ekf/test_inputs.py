@@ -8,7 +8,6 @@ from made.notes import texts
 
 from jgait.estimators import stride_width_ekf as sw
 from jgait.estimators.stride_width_ekf import model
-from jgait.estimators.stride_width_ekf.estimator import model_params
 from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState
 from jgait.types import Feet, RangeReadings, RecordingError
 
@@ -36,7 +35,7 @@ def rotated(angle, dx, dy):
 
 
 def test_equation_3():
-    p = model_params(sw.WidthParams())
+    p = sw.WidthParams()
     moved = model.transition(p, STATE, CONTROL, 1.0)
     np.testing.assert_allclose([moved.x_right, moved.y_right], [1.0, 2.0] + rotated(0.5, 0.5, 0.1), atol=1e-12)
     left = [moved.x_right + moved.apart_x, moved.y_right + moved.apart_y]
@@ -50,7 +49,7 @@ def test_equation_3():
 
 
 def test_equation_6():
-    p = model_params(sw.WidthParams())
+    p = sw.WidthParams()
     z = model.observation(p, STATE, CONTROL)
     x, y, s, c = 0.2, -0.4, np.sin(-0.4), np.cos(-0.4)
     assert tuple(z) == pytest.approx((x * s - y * c, x * c + y * s))
