@@ -20,7 +20,7 @@ from experiments.foot_ins.run import QUICK, Ready, rows_of, score, sets, solved
 from jgait import params, tune
 from jgait.estimators import foot_ins
 from jgait.estimators.foot_ins import DEFAULT, FootParams
-from jgait.estimators.foot_ins.inputs import FOOTHOLDS
+from jgait.estimators.foot_ins.prepare import FOOTHOLDS
 from jgait.estimators.interface import pad
 
 FREE = params.freed(params.ranges(FootParams()), "pivot_height")

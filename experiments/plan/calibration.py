@@ -18,9 +18,9 @@ from jaxtyping import Float, PyTree
 from jgait import filtering
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins.estimator import CONSTANT_VELOCITY_S, controls, estimator, model_params, prior_of
-from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootModelParams, FootObservation, FootState
 from jgait.estimators.foot_ins.params import FootParams
+from jgait.estimators.foot_ins.prepare import FootSignals
 from jgait.estimators.interface import pad
 from jgait.estimators.programs import bucket, compiled
 from jgait.filtering import Belief, Covariance, Model
@@ -184,7 +184,7 @@ def calibrate(recording: Recording, prior: SensorErrors = UNCALIBRATED) -> Calib
     """
     made, params = estimator(), FootParams()
     prepared = made.prepared(recording)
-    strides = made.solve(params, prepared).strides
+    strides = made.finished(made.computed(params, prepared), prepared).strides
     level = abs(float(np.median(as_float(strides.height)[np.asarray(strides.valid, bool)]))) < LEVEL_M
     inputs = pad(prepared.inputs, bucket(len(prepared.inputs.time)))
     errors, stddev = {}, {}

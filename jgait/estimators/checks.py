@@ -19,8 +19,8 @@ from jgait.signal import clipping
 from jgait.signal.windows import over_losses, true_runs, window_maximum
 from jgait.types import Imu, Recording, RecordingError, Values, as_float
 
-LEAST_S, FEWEST_SAMPLES = 0.5, 10
-"""[s], [1] Least duration and number of samples of a recording: no step is shorter."""
+FEWEST_SAMPLES = 10
+"""[1] Least number of samples of a recording; chosen: no step is shorter."""
 
 FASTEST = 35.0
 """[rad/s] Largest rate of a walking person's limb: 2000 deg/s, the range of common gyroscopes."""
@@ -37,7 +37,7 @@ def sensors_of(recording: Recording) -> str:
 
 
 def common_time(
-    recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True, least_s: float = LEAST_S
+    recording: Recording, names: Sequence[str], caller: str, what: str, *, acc: bool = True, least_s: float = 0.5
 ) -> np.ndarray:
     """The common time (T,) [s] of several sensors; their signals are checked as well.
 
@@ -103,23 +103,21 @@ def _check_signals(imu: Imu, name: str) -> None:
         )
 
 
-BLOCK, BUSIEST, RESTS, RARE = 100, 60, 0.2, 0.3
-"""[samples] Length of a block. It is rest if its mean rate is below `RESTS` [1] times that of block number `BUSIEST`,
-in the order of falling rates, or of the median block of a short recording; so a minute of handling at 100 Hz has no
-effect. Rest is left out only if less than `RARE` [1] of a recording moves."""
-
-
 def busy(imu: Imu) -> np.ndarray:
-    """(T,) bool: the measured samples, without those of rest if these are most, as in a recording of hours."""
+    """(T,) bool: the measured samples, without those of rest if less than 30 % of them move, as in hours of wear.
+
+    A block of 100 samples is rest if its mean rate is below a fifth of that of block 60 in the order of falling rates,
+    or of the median block of a short recording; so a minute of handling at 100 Hz has no effect.
+    """
     mask = np.asarray(imu.mask, bool)
     size = np.linalg.norm(as_float(imu.gyr), axis=1)
-    blocks = np.arange(len(size)) // BLOCK
+    blocks = np.arange(len(size)) // 100
     counts = np.bincount(blocks, mask)
     mean = np.bincount(blocks, np.where(mask, size, 0.0)) / np.maximum(counts, 1.0)
     known = np.sort(mean[counts > 0])[::-1]
-    least = RESTS * known[min(BUSIEST, len(known) // 2)] if len(known) else 0.0
+    least = 0.2 * known[min(60, len(known) // 2)] if len(known) else 0.0
     moves = mask & (mean[blocks] >= least)
-    return np.asarray(moves if moves.sum() < RARE * mask.sum() else mask)
+    return np.asarray(moves if moves.sum() < 0.3 * mask.sum() else mask)
 
 
 def fast_rate(imu: Imu) -> float:
@@ -158,22 +156,15 @@ def check_nominal_rate(time: np.ndarray, name: str, rate_hz: float) -> None:
 
 # --- lost samples: which of them count, and how filters of motion pass them ---
 
-BRIDGED = 0.05
-"""[s] Longest loss that is bridged by interpolation, and does not count as lost; chosen: 5 samples at 100 Hz."""
-
-FROZEN = 1e-3
-"""[s] Interval between samples that a filter uses within a long loss: its state hardly changes."""
-
-MOST_RATE, MOST_FORCE = 5.0, 10.0
-"""[rad/s], [m/s²] Upper limit on the mean error that slopes give for a loss; chosen: a swing's rate, gravity."""
-
 HELD = 1.5
 """[1] Error of the integral over a loss if the reading is held, over the error if it is interpolated: median over
 moving feet and shanks and losses of 0.1 to 0.9 s (experiment `damage.gaps`)."""
 
 
-def not_bridged(lost: np.ndarray, time: np.ndarray, longest: float = BRIDGED) -> np.ndarray:
-    """(T,) bool, True in losses longer than `longest` [s]; in shorter ones a signal is nearly straight."""
+def not_bridged(lost: np.ndarray, time: np.ndarray, longest: float = 0.05) -> np.ndarray:
+    """(T,) bool, True in losses longer than `longest` [s]: shorter ones, such as five samples at 100 Hz, are bridged by
+    interpolation and do not count as lost, for the signal is nearly straight in them.
+    """
     step = np.diff(time, prepend=time[0])
     gone = np.zeros(len(time), bool)
     for first, after in true_runs(lost):
@@ -222,10 +213,10 @@ def bridged(
     rate: tuple[float, float], force: tuple[float, float],
 ) -> Bridge:  # fmt: skip
     """Over up to `LONGEST_LOSS`, interpolated readings are integrated, with errors of the sizes of `integral_error` and
-    `bend_error`.
+    `bend_error`, which may not exceed a mean error of 5 rad/s, the rate of a swing, and of 10 m/s², that of gravity.
 
-    Over a longer loss the state does not change, and has the errors of held readings after `LONGEST_LOSS`: a leg's
-    posture changes less than an integral without readings would.
+    Over a longer loss the state hardly changes, with intervals of 1 ms, and has the errors of held readings after
+    `LONGEST_LOSS`: a leg's posture changes less than an integral without readings would.
     """
     step = np.diff(time, prepend=time[0])
     bridge = Bridge(dt.copy(), np.zeros(len(time)), np.zeros(len(time)))
@@ -233,9 +224,9 @@ def bridged(
         run = slice(first, after)
         seconds, steps, factor = float(step[run].sum()), np.maximum(step[run], 1e-6), 1.0
         if seconds > LONGEST_LOSS:
-            seconds, steps, factor = LONGEST_LOSS, np.full(after - first, FROZEN), HELD
-            bridge.dt[run] = np.minimum(dt[run], FROZEN)
-        for values, noise, size, most in ((gyr, bridge.rate, rate, MOST_RATE), (acc, bridge.force, force, MOST_FORCE)):
+            seconds, steps, factor = LONGEST_LOSS, np.full(after - first, 1e-3), HELD
+            bridge.dt[run] = np.minimum(dt[run], 1e-3)
+        for values, noise, size, most in ((gyr, bridge.rate, rate, 5.0), (acc, bridge.force, force, 10.0)):
             bend = bend_error(values, time, first, after) if seconds < LONGEST_LOSS else 0.0
             error = np.hypot(factor * integral_error(seconds, *size), min(bend, most * seconds))
             noise[run] = error / np.sqrt(steps.sum() * steps)

@@ -36,18 +36,6 @@ FEATURES = (
 )  # fmt: skip
 """Names of the features, in the order of the columns."""
 
-SHORT, LONG, STRIDE = 0.025, 0.105, 1.5
-"""[s] Windows."""
-
-FLOOR = 0.1
-"""[rad/s], [m/s²] Added in quadrature to magnitudes, so that sensors at rest have no infinite logarithm."""
-
-RATE, FORCE = 0.4, 0.5
-"""[rad/s], [m/s²] Magnitudes in stance, whose logarithm is 0."""
-
-CONTACT, AFTER = 20.0, 0.1
-"""[m/s²] Change of the force from sample to sample at a contact; [s] time constant of `since_contact`."""
-
 
 def features(
     gyr: np.ndarray, acc: np.ndarray | None, jumps: tuple[AnyArray, AnyArray], stands: AnyArray, doubtful: AnyArray,
@@ -67,22 +55,24 @@ def features(
         mean = _trailing(centred, size)
         spread = np.maximum(_trailing(centred**2, size) - mean**2, 0.0).sum(axis=1)
         off = np.linalg.norm(mean + acc.mean(axis=0), axis=1) - GRAVITY
-        return [_half_log(_trailing(turning, size), RATE), _half_log(spread, FORCE), _half_log(off**2, FORCE)]
+        # [rad/s], [m/s²] magnitudes in stance, whose logarithm is 0
+        return [_half_log(_trailing(turning, size), 0.4), _half_log(spread, 0.5), _half_log(off**2, 0.5)]
 
     jolts = np.asarray(jumps[1])
     at = np.arange(len(gyr))
-    last = np.maximum.accumulate(np.where(jolts > CONTACT, at, -(10**9)))
+    last = np.maximum.accumulate(np.where(jolts > 20.0, at, -(10**9)))  # [m/s²] a contact
     columns = [
-        *of_window(SHORT), *of_window(LONG),
-        _half_log(_trailing(turning, max(2, round(STRIDE * sampling_rate_hz))), 1.0),
+        *of_window(0.025), *of_window(0.105),
+        _half_log(_trailing(turning, max(2, round(1.5 * sampling_rate_hz))), 1.0),
         np.log(jolts + 0.05), np.log((np.asarray(jumps[0]) + 0.01) / 0.1), np.where(stands, 0.5, -0.5),
-        np.exp(-(at - last) / (AFTER * sampling_rate_hz)), np.asarray(doubtful, np.float64),
+        np.exp(-(at - last) / (0.1 * sampling_rate_hz)), np.asarray(doubtful, np.float64),
     ]  # fmt: skip
     return np.stack(columns, axis=1)
 
 
 def _half_log(square: np.ndarray, typical: float) -> np.ndarray:
-    return 0.5 * np.log((square + FLOOR**2) / typical**2)
+    """The logarithm of a magnitude; 0.1 is added in quadrature, so that sensors at rest have no infinite logarithm."""
+    return 0.5 * np.log((square + 0.1**2) / typical**2)
 
 
 def _trailing(values: np.ndarray, size: int) -> np.ndarray:
@@ -95,8 +85,7 @@ POWER = normal(0.0, 4.0)
 """Prior of every weight of `LogLinear`: a power of 4 is that of a detector with a nearly hard threshold."""
 
 WEIGHT = normal(0.0, 1.0)
-
-_DRAWN = np.random.default_rng(0).normal(size=(2 * len(FEATURES), 8)) / len(FEATURES)
+"""Prior of every weight of `Network`; chosen by hand."""
 
 
 class Constant(NamedTuple):
@@ -139,7 +128,9 @@ class Network(NamedTuple):
     first layer is drawn, with a fixed seed.
     """
 
-    first: Annotated[Param, Parameter(real, "1", "weights (inputs, units) of the first layer", WEIGHT)] = _DRAWN
+    first: Annotated[Param, Parameter(real, "1", "weights (inputs, units) of the first layer", WEIGHT)] = (
+        np.random.default_rng(0).normal(size=(2 * len(FEATURES), 8)) / len(FEATURES)
+    )
     shift: Annotated[Param, Parameter(real, "1", "(units,) added to the first layer", WEIGHT)] = np.zeros(8)
     last: Annotated[Param, Parameter(real, "1", "weights (units,) of the output", WEIGHT)] = np.zeros(8)
 

@@ -7,33 +7,12 @@ import numpy as np
 from jgait.notes import Kind, Note
 from jgait.types import SIDES, Estimate, Strides, as_float
 
-LONGEST_STRIDE = 2.5
-"""[m] Longest stride of walking: race walkers take 2.4 m."""
-
-FASTEST_WALK, FASTEST_RUN = 4.0, 8.0
-"""[m/s] Fastest stride of walking (race walkers reach 4.3 m/s over a kilometre), and of running over a distance."""
-
-LONG_AND_SLOW, FEWEST_STRIDES = 2.4, 4
-"""[m s] Largest median product of length and duration of a foot's strides, and least number of strides: people take
-longer steps faster, so that it is 1.6 at usual speeds (Sekiya and Nagasaki 1998: 0.0065 m a step per step a minute),
-and at most 2.0 in walks of five public sets."""
-
-RUNNING_S = 0.95
-"""[s] Strides that last longer are walked: runners take more than 126 steps a minute."""
+FASTEST_RUN = 8.0
+"""[m/s] Fastest running over a distance; chosen."""
 
 QUICK_S = 0.75
 """[s] Strides that last less are of running (160 steps a minute), or of small children, see `STRIDES_QUICK` of
 `ankle_stride`."""
-
-KNEE_DEG, KNEE_SHARE = (-20.0, 160.0), 0.01
-"""[deg] Smallest and largest knee angle of a person, with a margin of 10° and more for a wrong zero; [1] share of a
-leg's valid samples with other angles above which they are reported."""
-
-KNEE_STIFF_DEG, HIP_SWINGS_DEG = 5.0, 20.0
-"""[deg] Largest range of a stiff knee, and least range of its hip, from the 1st to the 99th percentile."""
-
-STEEPEST, LEAST_RISE = 1.0, 0.5
-"""[1], [m] Steepest slope of a walk, and least rise that is reported; strides on stairs rise by 0.6 of their length."""
 
 CAUSES = (
     "Likely causes: a wrong unit or sampling rate, a sensor at the limit of its range, samples that are lost or "
@@ -62,7 +41,7 @@ def implausible(estimate: Estimate) -> tuple[Note, ...]:
         leg = getattr(estimate.legs, side)
         angles = (np.rad2deg(as_float(angle)[worn]) for angle in (leg.knee_angle, leg.hip_angle))
         moves = [0.0 if knee.lost or not a.size else float(np.ptp(np.percentile(a, (1, 99)))) for a in angles]
-        if moves[0] < KNEE_STIFF_DEG and moves[1] > HIP_SWINGS_DEG:
+        if moves[0] < 5.0 and moves[1] > 20.0:  # [°] chosen
             text = (
                 "{side}: the knee moves by {knee:.0f}° only, while the hip swings by {hip:.0f}°: both sensors can "
                 "be on one segment, or have one signal under two names, unless an orthosis locks the knee"
@@ -79,7 +58,7 @@ class Knee(NamedTuple):
     """Knee angles of a leg that cannot be right, in the samples in which its sensors are worn."""
 
     lost: int  #: number of samples with an angle that is not finite.
-    implausible: bool  #: True if the knee bends as none does in more than `KNEE_SHARE` of the samples.
+    implausible: bool  #: True if the knee bends as none does in more than 1 % of the samples.
     angle: np.ndarray  #: the angles [°].
     share: float  #: share of the samples in which the knee bends as none does [1].
 
@@ -90,9 +69,10 @@ def knees(estimate: Estimate) -> dict[str, Knee]:
     for side in SIDES:
         if (leg := getattr(estimate.legs, side)) is not None:
             angle = np.rad2deg(as_float(leg.knee_angle)[worn])
-            lost, beyond = int(np.sum(~np.isfinite(angle))), (angle < KNEE_DEG[0]) | (angle > KNEE_DEG[1])
+            # [°] what a knee does, with a margin of 10° and more for a wrong zero
+            lost, beyond = int(np.sum(~np.isfinite(angle))), (angle < -20.0) | (angle > 160.0)
             share = float(beyond.mean()) if beyond.size else 0.0
-            measured[side] = Knee(lost, not lost and share > KNEE_SHARE, angle, share)
+            measured[side] = Knee(lost, not lost and share > 0.01, angle, share)
     return measured
 
 
@@ -134,10 +114,14 @@ def distance_implausible(estimate: Estimate) -> bool:
 
 
 def impossible(strides: Strides) -> np.ndarray:
-    """(n,) bool, strides that are longer or faster than a person walks or runs, or whose length is not finite."""
+    """(n,) bool, strides that are longer or faster than a person walks or runs, or whose length is not finite.
+
+    Race walkers take strides of 2.4 m, and reach 4.3 m/s over a kilometre. A stride of 0.95 s or more is walked:
+    runners take more than 126 steps a minute.
+    """
     length, last, speed = _paces(strides)
-    walked = ~(last < RUNNING_S)
-    wrong = (walked & ((length > LONGEST_STRIDE) | (speed > FASTEST_WALK))) | (speed > FASTEST_RUN)
+    walked = ~(last < 0.95)
+    wrong = (walked & ((length > 2.5) | (speed > 4.0))) | (speed > FASTEST_RUN)
     return np.asarray(wrong | ~np.isfinite(length))
 
 
@@ -167,12 +151,14 @@ def _strides(strides: Strides, stddev: Strides | None) -> list[Note]:
             largest = {"length": np.nanmax(length[far]), "speed": np.nanmax(np.nan_to_num(speed[far]))}
             notes.append(IMPLAUSIBLE.note(text, side=side, strides=far.sum(), of=of_side.sum(), **largest))
         product = (length * last)[of_side & ~wrong & np.isfinite(last)]
-        if len(product) >= FEWEST_STRIDES and np.median(product) > LONG_AND_SLOW:
+        # [m s] people take longer steps faster: 1.6 at usual speeds (Sekiya and Nagasaki 1998: 0.0065 m a step per step
+        # a minute), at most 2.0 in walks of five public sets
+        if len(product) >= 4 and np.median(product) > 2.4:
             text = "{side}: strides of {length:.2f} m that last {last:.2f} s; nobody takes so long steps so slowly"
             middle = {"length": np.nanmedian(length[of_side]), "last": np.nanmedian(last[of_side])}
             notes.append(IMPLAUSIBLE.note(text, side=side, **middle))
         rise, gone = float(np.nansum(height[of_side])), float(np.nansum(length[of_side]))
-        if abs(rise) > max(LEAST_RISE, STEEPEST * gone):
+        if abs(rise) > max(0.5, gone):  # strides on stairs rise by 0.6 of their length
             text = "{side}: the foot rises by {rise:.2f} m over {length:.3g} m, steeper than stairs"
             notes.append(IMPLAUSIBLE.note(text, side=side, rise=rise, length=gone))
     spread = np.zeros_like(width) if stddev is None or stddev.width is None else as_float(stddev.width)

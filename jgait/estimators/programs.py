@@ -26,9 +26,6 @@ from jaxtyping import PyTree, PyTreeDef
 from jgait.filtering.covariance import Covariance, Layout
 from jgait.geometry.arrays import backend, compiler_options, host, on_host, processor, reached
 
-LIMIT = 1_000_000_000
-"""[bytes] Size of the folder; when a program is added, the files that were not used for longest are removed."""
-
 ENDING = ".traced"
 
 type Described = list[Any] | int | None
@@ -214,7 +211,7 @@ def _write(file: Path, traced: jax.export.Exported, structure: PyTreeDef) -> Non
         with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
             part.write(hashlib.sha256(content).digest() + content)
         os.replace(part.name, file)
-        shortened(file.parent, LIMIT)
+        shortened(file.parent, limit=1_000_000_000)
 
 
 def _described(structure: PyTreeDef) -> Described:

@@ -25,9 +25,6 @@ SENSOR_SHARE, SENSOR_SD = 0.6, 0.02
 HEIGHTS = (0.8, 2.4)
 """[m] Smallest and largest height of a person that is accepted."""
 
-SMALLER = {"cm": 100.0, "mm": 1000.0}
-"""Unit of length that may have been meant → how many are a metre."""
-
 FROM_HEIGHT = Kind(
     "measures_from_height", "info", "from the height of {height:.2f} m, by usual proportions: {measures}",
     f"{DEFAULT_MEASURE} Standard deviations include how much people of one height differ.",
@@ -45,7 +42,8 @@ def outside(name: str, value: float, low: float, high: float) -> str:
     """The sentence about a measure in metres outside its range, with the unit that may have been meant; else ""."""
     if low <= value <= high:
         return ""
-    units = SMALLER.items() if value >= 1.0 else ()  # nobody measures a part of a person in parts of a centimetre
+    # nobody measures a part of a person in parts of a centimetre
+    units = (("cm", 100.0), ("mm", 1000.0)) if value >= 1.0 else ()
     meant = [f" (in {unit}? then {value / many:g})" for unit, many in units if low <= value / many <= high]
     hint = ": leave out what is unknown" if math.isnan(value) else (meant or [""])[0]
     return f"{name} must be between {low:g} and {high:g} m; got {value:g}{hint}"

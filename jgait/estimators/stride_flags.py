@@ -20,16 +20,8 @@ STAIRS_M = 0.12
 SHORT_STRIDE = 0.8
 """[1] At an end of a walking bout, a stride below this share of the usual length starts or ends in standing."""
 
-AS_FAR = 0.1
-"""[1] Largest relative difference between distance gained and stride length at which the two are compared."""
-
-UNEVEN, AROUND, FEWEST_STRIDES = 1.5, 3, 3
-"""[1] Largest ratio between the duration of an even stride and the median of the `AROUND` strides before and after it,
-of both legs; of fewer than `FEWEST_STRIDES` there is none. Chosen: steady strides differ by some hundredths, a stride
-with a pause by far more."""
-
-FEW = 10
-"""Smallest number of regular strides without a note that means are uncertain."""
+FEWEST_STRIDES = 3
+"""Least number of strides whose median is a usual duration; chosen."""
 
 FEW_REGULAR = Kind(
     "few_regular_strides", "check", "only {strides} regular {strides:stride|strides}",
@@ -72,7 +64,7 @@ def stride_notes(marked: Mapping[str, np.ndarray], counted: np.ndarray) -> list[
     kept = int(counted.sum())
     uneven = int(marked[UNEVEN_DURATION.name].sum()) if UNEVEN_DURATION.name in marked else 0
     notes = [STRIDES_UNEVEN(uneven=uneven, strides=len(counted))] if uneven else []
-    return [*notes, FEW_REGULAR(strides=kept)] if 0 < kept < FEW else notes
+    return [*notes, FEW_REGULAR(strides=kept)] if 0 < kept < 10 else notes
 
 
 def without(
@@ -122,13 +114,13 @@ def pauses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 def as_far(strides: Strides, gained: Values, xp: ModuleType = np) -> Flags:
     """(strides,) bool, the valid strides from contact to contact in which the body advances as far as the foot.
 
-    In these strides the reference's distance grows by the stride's length, within `AS_FAR`; `gained` (strides,) [m] is
+    In these strides the reference's distance grows by the stride's length, within a tenth; `gained` (strides,) [m] is
     that growth. Where it is NaN, strides that are short, as from and to standing, are left out. `xp` is NumPy, or
     `jax.numpy` under jit.
     """
     length, known = xp.asarray(strides.length), xp.asarray(strides.valid)
     usual = xp.nanmedian(xp.where(known, length, xp.nan))
-    alike = xp.where(xp.isfinite(gained), abs(gained - length) <= AS_FAR * length, length >= SHORT_STRIDE * usual)
+    alike = xp.where(xp.isfinite(gained), abs(gained - length) <= 0.1 * length, length >= SHORT_STRIDE * usual)
     if strides.final_contact is None:
         return known & alike
     return known & alike & ~(xp.asarray(strides.final_contact) <= xp.asarray(strides.start))
@@ -188,14 +180,18 @@ def half_strides(strides: Strides, order: np.ndarray) -> np.ndarray:
 
 
 def uneven_strides(lasts: np.ndarray) -> np.ndarray:
-    """(n,) bool, strides of another duration than those around them, from durations in order; NaN where not known."""
+    """(n,) bool, strides of another duration than those around them, from durations in order; NaN where not known.
+
+    The duration is above 1.5 times the median of the three strides before and after, of both legs, or below 1 / 1.5 of
+    it. Chosen: steady strides differ by some hundredths, a stride with a pause by far more.
+    """
     uneven = np.zeros(len(lasts), bool)
     for i, duration in enumerate(lasts):
-        others = np.concatenate([lasts[max(i - AROUND, 0) : i], lasts[i + 1 : i + 1 + AROUND]])
+        others = np.concatenate([lasts[max(i - 3, 0) : i], lasts[i + 1 : i + 4]])
         others = others[np.isfinite(others)]
         if np.isfinite(duration) and len(others) >= FEWEST_STRIDES:
             usual = float(np.median(others))
-            uneven[i] = not usual / UNEVEN <= duration <= usual * UNEVEN
+            uneven[i] = not usual / 1.5 <= duration <= usual * 1.5
     return uneven
 
 

@@ -7,11 +7,16 @@ import numpy.typing as npt
 from jaxtyping import PyTree
 
 from jgait.estimators.about import BodyMeasure, CommandOption, EstimateFigure, MissingMeasure
+from jgait.estimators.proportions import HEIGHTS
 from jgait.types import SIDES, Estimate, as_float
 
-THIGH = BodyMeasure("thigh_length", "m", 0.2, 0.7, "thigh length, hip to knee", "--thigh", 0.43)
-SHANK = BodyMeasure("shank_length", "m", 0.2, 0.7, "shank length, knee to ankle", "--shank", 0.43)
-HEIGHT = BodyMeasure("height", "m", 0.8, 2.4, "height of the person", "--height")
+THIGH, SHANK = (
+    BodyMeasure(f"{name}_length", "m", 0.2, 0.7, f"{name} length, {ends}", f"--{name}", 0.43)
+    for name, ends in (("thigh", "hip to knee"), ("shank", "knee to ankle"))
+)
+"""[m] Ranges of adults and children, and the length that is used where none is given; chosen by hand."""
+
+HEIGHT = BodyMeasure("height", "m", *HEIGHTS, "height of the person", "--height")
 NO_LENGTHS = MissingMeasure(
     ("thigh_length", "shank_length"),
     "the default length of 0.43 m is taken, and distances are in proportion to it",
@@ -19,6 +24,7 @@ NO_LENGTHS = MissingMeasure(
 PIVOT = BodyMeasure(
     "pivot_height", "m", 0.0, 0.3, "height of the sensor over the ball of the foot", "--pivot", 0.08
 )  # fmt: skip
+"""[m] Range of a sensor on a shoe, chosen by hand; the default is that of `FootParams`."""
 
 
 def level_of(text: str) -> bool | str:

@@ -21,16 +21,8 @@ from jgait.quality import SensorQuality
 from jgait.signal.windows import true_runs
 from jgait.types import AnyArray, Estimate, Flags, Imu, Recording, Strides, Values, as_float
 
-LEAST_S, PAUSE_S, SLOWS = 1.5, 0.6, 0.0005
-"""[s] Least duration of a movement that is judged; longest rest inside a movement. [1] Median probability of walking
-from which a movement beside walking, without rest between them, is its slow part."""
-
-UPRIGHT = np.deg2rad(30.0)
-"""[rad] Largest angle of a sensor's mean force in standing from that in walking; in sitting a thigh has more."""
-
-EDGE_S, APART_S = 0.15, 2.6
-"""[s] Ends of a rest that are not used. Time between walking and other movements, without rest between them, that is
-marked as lost, so that no bout seems to begin or end there in standing."""
+LEAST_S, PAUSE_S = 1.5, 0.6
+"""[s] Least duration of a movement that is judged; longest rest inside a movement; chosen."""
 
 NOT_WALKING = Kind(
     "not_walking",
@@ -95,9 +87,10 @@ def _stretches(moved: Activity) -> tuple[list[tuple[int, int]], list[str]]:
     for a, b in true_runs(moves):
         chance = moved.probability["walking"][a:b]
         for first, last in true_runs(chance <= WALKS):
-            # a walk begins and ends with weight on both feet: what is left of its bout belongs to it
+            # a walk begins and ends with weight on both feet: what is left of its bout belongs to it, and what follows
+            # without a rest is its slow part if walking has a probability of 0.0005 there
             beside = first > 0 or last < b - a
-            slows = max(first, b - a - last) >= LEAST_S / STEP_S and np.median(chance[first:last]) > SLOWS
+            slows = max(first, b - a - last) >= LEAST_S / STEP_S and np.median(chance[first:last]) > 0.0005
             if not slows and last - first >= (1 + beside) * LEAST_S / STEP_S:
                 runs.append((a + first, a + last))
                 total = [moved.probability[name][a + first : a + last].sum() for name in names]
@@ -107,7 +100,10 @@ def _stretches(moved: Activity) -> tuple[list[tuple[int, int]], list[str]]:
 
 
 def _upright(imu: Imu, moved: Activity) -> np.ndarray:
-    """(N,) bool, the sensor's mean force over half a second is near that in walking; all if nobody walks."""
+    """(N,) bool, the sensor's mean force over half a second is within 30° of that in walking; all if nobody walks.
+
+    In standing it is, in sitting that of a thigh is not.
+    """
     on_grid = [np.interp(moved.time, as_float(imu.time), column) for column in as_float(imu.acc).T]
     slow = np.stack([np.convolve(column, np.full(11, 1 / 11), "same") for column in on_grid], 1)
     walks = ~moved.quiet & ~moved.carried & (moved.probability["walking"] > WALKS)
@@ -115,7 +111,7 @@ def _upright(imu: Imu, moved: Activity) -> np.ndarray:
         return np.ones(len(moved.time), bool)
     mean = slow[walks].mean(axis=0)
     size = np.linalg.norm(slow, axis=1) * np.linalg.norm(mean)
-    return np.asarray(slow @ mean > np.cos(UPRIGHT) * size)
+    return np.asarray(slow @ mean > np.cos(np.deg2rad(30.0)) * size)
 
 
 def _with_sitting(run: tuple[int, int], quiet: np.ndarray, rests: np.ndarray) -> tuple[int, int]:
@@ -142,7 +138,10 @@ def _joined(runs: list[tuple[int, int]], kinds: list[str]) -> tuple[list[tuple[i
 
 
 def _stood(imu: Imu, moved: Activity, runs: list[tuple[int, int]], rests: np.ndarray) -> Imu:
-    """The sensor with standing in place of some stretches; where there is none beside them, samples are lost."""
+    """The sensor with standing in place of some stretches; where there is none beside them, samples are lost.
+
+    2.6 s beside walking are lost, so that no bout seems to begin or end there in standing.
+    """
     time = as_float(imu.time)
     gyr, acc, mask = as_float(imu.gyr).copy(), as_float(imu.acc).copy(), np.asarray(imu.mask, bool).copy()
     for a, b in runs:
@@ -166,16 +165,19 @@ def _stood(imu: Imu, moved: Activity, runs: list[tuple[int, int]], rests: np.nda
         mask[rows] = True
         apart = time[rows]
         if beside[0] is None and a > 0 and not carried:
-            mask[rows[apart < apart[0] + APART_S]] = False
+            mask[rows[apart < apart[0] + 2.6]] = False
         if beside[1] is None and b < len(moved.time) and not carried:
-            mask[rows[apart > apart[-1] - APART_S]] = False
+            mask[rows[apart > apart[-1] - 2.6]] = False
     return imu._replace(gyr=gyr, acc=acc, mask=mask)
 
 
 def _rest(
     time: np.ndarray, mask: np.ndarray, grid: np.ndarray, rests: np.ndarray, at: int, way: int
 ) -> np.ndarray | None:
-    """Samples of the rest that begins at a moment of the grid in one direction of time; None without a rest."""
+    """Samples of the rest that begins at a moment of the grid in one direction of time, without 0.15 s at its ends.
+
+    None without a rest of 0.45 s.
+    """
     near = at
     while 0 <= near < len(rests) and not rests[near] and abs(near - at) < PAUSE_S / STEP_S:
         near += way
@@ -183,9 +185,9 @@ def _rest(
     while 0 <= until < len(rests) and rests[until]:
         until += way
     first, last = sorted((near, until - way))
-    if abs(until - near) * STEP_S < 3.0 * EDGE_S:
+    if abs(until - near) * STEP_S < 0.45:
         return None
-    rows = np.flatnonzero((time >= grid[first] + EDGE_S) & (time <= grid[last] - EDGE_S) & mask)
+    rows = np.flatnonzero((time >= grid[first] + 0.15) & (time <= grid[last] - 0.15) & mask)
     return rows if len(rows) > 4 else None
 
 
@@ -193,17 +195,6 @@ def _rest(
 
 MID_STANCE = 0.31
 """[1] Share of a stride from the middle of a stance to the final contact: a foot stands for some 62 % of a stride."""
-
-LONGEST_REST, RESTING = 0.45, 0.5
-"""[1], [rad/s] Longest rest of a sensor in a stance, as a share of a stride, and the rate below which it rests; in a
-longer rest the person stands."""
-
-STANDS, SWINGS = 0.75, 2.0
-"""[1], [rad/s] Share of a stride after which a foot has left the ground in walking, and a rate that it then reaches."""
-
-SHORT = 0.5
-"""[1] Share of the median length below which a first or last stride starts or ends in standing; the strides in turns,
-which are short too, are longer."""
 
 LEAST_CUT_STRIDES, MOST = 0.2, 1.5
 """[strides] Limits of the walking that a recording cuts off: in less, a person stands for a moment; in more, the
@@ -239,7 +230,12 @@ def cut_notes(quality: Mapping[str, SensorQuality]) -> list[Note]:
 
 
 def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:
-    """Duration of walking before the first and after the last stride of a side [s]; 0 where the person stands."""
+    """Duration of walking before the first and after the last stride of a side [s]; 0 where the person stands.
+
+    The person stands if the stride beside it is shorter than half of the median, for strides in turns are longer; if
+    the sensor turns at less than 0.5 rad/s for longer than in a stance, 0.45 of a stride; or if 0.75 of a stride passes
+    without the rate of a swing, 2 rad/s.
+    """
     strides, time = estimate.strides, as_float(estimate.time)
     mine = np.flatnonzero((np.asarray(strides.side) == side) & np.asarray(strides.valid, bool))
     leaves, lands, length = (as_float(part)[mine] for part in (strides.final_contact, strides.end, strides.length))
@@ -256,10 +252,10 @@ def unseen(estimate: Estimate, side: int, gyr: AnyArray) -> tuple[float, float]:
         (time >= lands[-1], time >= lands[-1] + stance, time[-1] - lands[-1], length[-1]),
     ):
         missing = float(moment) - stance
-        walks = LEAST_CUT_STRIDES * lasts < missing < MOST * lasts and beside > SHORT * usual
+        walks = LEAST_CUT_STRIDES * lasts < missing < MOST * lasts and beside > 0.5 * usual
         if walks:
-            rests = longest_still(rates[at], hz, threshold=RESTING, at_least_s=LONGEST_REST * lasts)
-            stays = moment > STANDS * lasts and not (speed[beyond] > SWINGS).any()
+            rests = longest_still(rates[at], hz, threshold=0.5, at_least_s=0.45 * lasts)
+            stays = moment > 0.75 * lasts and not (speed[beyond] > 2.0).any()
             walks = rests is None and not stays
         cuts.append(missing if walks else 0.0)
     return cuts[0], cuts[1]

@@ -4,10 +4,6 @@ import numpy as np
 
 from jgait.types import LegTrajectory
 
-PATH_SMOOTHING_S = 0.2
-"""[s] Standard deviation of the Gaussian that smooths the path walked: the Gaussian damps sway, and does not ring where
-walking starts, as a Butterworth filter does."""
-
 
 def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
     """The unwrapped heading (T,) [rad] by a second-order Butterworth filter, forwards and backwards, without delay.
@@ -20,8 +16,12 @@ def low_pass_heading(heading: np.ndarray, rate_hz: float) -> np.ndarray:
     return filtfilt(*butter(2, 1.0 / (rate_hz / 2)), heading, axis=0)
 
 
-def path_walked(position: np.ndarray, rate_hz: float, smoothing_s: float = PATH_SMOOTHING_S) -> np.ndarray:
-    """Length of the smoothed horizontal path since the first sample (T,) [m], of positions (T, 2) [m]."""
+def path_walked(position: np.ndarray, rate_hz: float, smoothing_s: float = 0.2) -> np.ndarray:
+    """Length of the smoothed horizontal path since the first sample (T,) [m], of positions (T, 2) [m].
+
+    A Gaussian of the standard deviation `smoothing_s` damps sway, and does not ring where walking starts, as a
+    Butterworth filter does.
+    """
     from scipy.ndimage import gaussian_filter1d
 
     smooth = gaussian_filter1d(position, smoothing_s * rate_hz, axis=0, mode="nearest")

@@ -13,41 +13,20 @@ from jaxtyping import Bool, Float
 from jgait.signal.windows import true_runs
 from jgait.types import AnyArray, as_float
 
-LOWEST_RANGE = 4.0
-"""[rad/s] No gyroscope for gait has a smaller range; 250 °/s are 4.4 rad/s."""
-
-NEAR, AXES, CUT_OFF = 0.98, 0.9, 0.02
-"""[1] Least height of a flat peak, over the largest reading of its axis (`NEAR`) and of the sensor (`AXES`); least part
-of the largest reading by which the flanks must overshoot a flat peak."""
-
 FLAT = 3
-"""[samples] Lower limit on the length of a flat peak."""
-
-FINE, STEEP = 1e-3, 0.1
-"""[1] Largest resolution of a sensor, over its largest reading, with which separate impacts have different readings.
-Least change of the signal beside a cut-off reading, over that reading; a peak that is not cut off is round."""
-
-HELD, AGAIN_MOST = 0.1, 4
-"""[1] Share of samples equal to the sample before, in all axes, above which a sensor is slower than its signal;
-undamaged gyroscopes have 4 %. [samples] Longer runs of equal readings do not count: the sensor rests."""
-
-MOST = 2.0
-"""[1] Largest restored part of a specific force, over the limit at which it was cut off; chosen."""
-
-UNSURE = 0.5
-"""[1] Standard deviation of the restored part of a peak, over that part; all samples of a peak share the error."""
-
-UNSURE_FORCE, UNSURE_IMPACT = 0.7, 1.5
-"""[1] `UNSURE` for a specific force, and for its peaks of fewer than `FLAT` samples; chosen on recorded and simulated
-feet that were clipped afterwards. Peaks of one swing have similar errors."""
+"""[samples] Lower limit on the length of a flat peak; chosen."""
 
 
 def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
-    """(T,) bool, False where a sensor that is slower than its signal repeats the sample before, see `HELD`."""
+    """(T,) bool, False where a sensor that is slower than its signal repeats the sample before, in all axes.
+
+    Such a sensor repeats a tenth of its samples or more, undamaged gyroscopes 4 %. Four equal samples in a row do not
+    count: the sensor rests.
+    """
     again = np.concatenate([[False], ~np.diff(as_float(values), axis=0).any(axis=1)])[: len(values)]
     for first, last in true_runs(again):
-        again[first:last] = last - first < AGAIN_MOST
-    return ~again if again.sum() > HELD * len(again) and np.shape(values)[1] > 1 else np.ones(len(again), bool)
+        again[first:last] = last - first < 4
+    return ~again if again.sum() > 0.1 * len(again) and np.shape(values)[1] > 1 else np.ones(len(again), bool)
 
 
 def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
@@ -76,17 +55,18 @@ def forces_clipped(acc: Float[AnyArray, "time axis"], above: float, least: int =
 def cut_short(values: Float[AnyArray, "time axis"], above: float) -> Bool[np.ndarray, "time"]:
     """Samples of impacts that a sensor cuts off, `above` a limit, for one or two samples.
 
-    At least three readings then have exactly the largest size of all axes, and the signal changes steeply beside
-    them. In a signal of coarse resolution separate peaks can be equal: none of its samples is returned.
+    At least three readings then have exactly the largest size of all axes, and the signal changes beside them by a
+    tenth of it: a peak that is not cut off is round. In a signal whose resolution is coarser than a thousandth of it,
+    separate peaks can be equal: none of its samples is returned.
     """
     signal = as_float(values)
     size = np.abs(signal)
     top = float(size.max(initial=0.0))
     steps = np.abs(np.diff(signal, axis=0))
-    if top <= above or not steps[steps > 0.0].min(initial=top) < FINE * top:
+    if top <= above or not steps[steps > 0.0].min(initial=top) < 1e-3 * top:
         return np.zeros(len(signal), bool)
     edge = np.zeros((1, signal.shape[1]))
-    steep = np.maximum(np.vstack([edge, steps]), np.vstack([steps, edge])) > STEEP * top
+    steep = np.maximum(np.vstack([edge, steps]), np.vstack([steps, edge])) > 0.1 * top
     clipped = (size >= top - 1e-9) & steep
     return np.asarray(clipped.any(axis=1) & (clipped.sum() >= 3))
 
@@ -105,22 +85,24 @@ def restored(gyr: Float[AnyArray, "time axis"]) -> Restored:
     """Restore the peaks of an angular rate (T, 3) [rad/s] that the gyroscope's range cut off.
 
     A cubic through the two readings before and the two after a flat peak replaces the peak where the cubic is higher. A
-    recording with fewer than two flat peaks is returned unchanged: one occurs by chance.
+    recording with fewer than two flat peaks is returned unchanged: one occurs by chance. A flat peak has nine tenths of
+    the sensor's largest reading, and 4 rad/s: the smallest range of a gyroscope for gait is 250 °/s, 4.4 rad/s.
     """
     rate = as_float(gyr)
     largest = np.abs(rate).max(initial=0.0)
     peaks = [
         (axis, sign, *peak) for axis in range(rate.shape[1]) for sign in (1.0, -1.0)
-        for peak in _cut_off(sign * rate[:, axis], max(LOWEST_RANGE, AXES * largest))
+        for peak in _cut_off(sign * rate[:, axis], max(4.0, 0.9 * largest))
     ]  # fmt: skip
-    return _with(rate, peaks if len(peaks) > 1 else [], UNSURE, UNSURE)
+    return _with(rate, peaks if len(peaks) > 1 else [], 0.5, 0.5)
 
 
 def restored_forces(acc: Float[AnyArray, "time axis"], clipped: Bool[AnyArray, "time"]) -> Restored:
     """Restore the peaks of a specific force (T, 3) [m/s²] where samples are `clipped`, see `forces_clipped`.
 
-    A parabola continues the mean slope of both flanks of a peak. Interpolated samples between two clipped ones belong
-    to the peak if `clipped` contains them.
+    A parabola continues the mean slope of both flanks of a peak, up to three times the limit (chosen). Interpolated
+    samples between two clipped ones belong to the peak if `clipped` contains them. Deviations are chosen on recorded
+    and simulated feet that were clipped afterwards.
     """
     force = as_float(acc)
     peaks = []
@@ -133,14 +115,18 @@ def restored_forces(acc: Float[AnyArray, "time axis"], clipped: Bool[AnyArray, "
                 slope = 0.5 * (np.diff(before).max() + np.diff(after).max())
                 along = (np.arange(last - first) + 0.5) / (last - first)
                 missing = slope * (last - first) * along * (1.0 - along)
-                peaks.append((axis, sign, first, np.minimum(missing, MOST * values[first])))
-    return _with(force, peaks, UNSURE_FORCE, UNSURE_IMPACT)
+                peaks.append((axis, sign, first, np.minimum(missing, 2.0 * values[first])))
+    return _with(force, peaks, 0.7, 1.5)
 
 
 def _with(
     signal: np.ndarray, peaks: list[tuple[int, float, int, np.ndarray]], unsure: float, unsure_short: float
 ) -> Restored:
-    """The signal with the missing parts of its peaks; a peak has an axis, a sign, a first sample and a missing part."""
+    """The signal with the missing parts of its peaks; a peak has an axis, a sign, a first sample and a missing part.
+
+    `unsure` is the standard deviation of a missing part over that part, `unsure_short` that in peaks of fewer than
+    `FLAT` samples [1]; all samples of a peak share the error.
+    """
     whole, doubt = signal.copy() if peaks else signal, np.zeros(len(signal))
     for axis, sign, first, missing in peaks:
         here = slice(first, first + len(missing))
@@ -152,15 +138,17 @@ def _with(
 
 
 def _cut_off(values: np.ndarray, least: float) -> list[tuple[int, np.ndarray]]:
-    """The first sample of each flat peak, and the missing part at each of its samples."""
+    """The first sample of each flat peak, within 2 % of the largest value, and the missing part at each of its samples;
+    the flanks must overshoot it by 2 %.
+    """
     top = float(values.max(initial=0.0))
     runs = []
-    for first, last in true_runs(values >= NEAR * top) if top > least else []:
+    for first, last in true_runs(values >= 0.98 * top) if top > least else []:
         if last - first < FLAT or first < 2 or last + 2 > len(values):
             continue
         flanks = np.array([first - 2, first - 1, last, last + 1])
         inside = np.arange(first, last)
         cubic = np.polynomial.Polynomial.fit(flanks, values[flanks], 3)(inside)
-        if cubic.max() - values[inside].max() > CUT_OFF * top:
+        if cubic.max() - values[inside].max() > 0.02 * top:
             runs.append((first, np.clip(cubic - values[inside], 0.0, top)))
     return runs

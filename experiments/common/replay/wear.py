@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 
 from experiments.common.replay.body import JointCentres, LegCentres, Replay, body_motion, median
 from experiments.common.replay.spline import CUTOFF_HZ, MAX_GAP, checked_time, covered, evaluate
-from jgait.geometry.sagittal import PATH_SMOOTHING_S, leg_in_plane, low_pass_heading
+from jgait.geometry.sagittal import leg_in_plane, low_pass_heading
 from jgait.geometry.segments import Motion, in_segment, inertial, segment_of
 from jgait.geometry.vectors import Vector
 from jgait.types import SIDES, Estimate, Imu, Legs, LegTrajectory, Recording, as_float
@@ -118,7 +118,7 @@ def _truth(points: JointCentres, body: Replay, rate_hz: float) -> Estimate:
             diagnostics |= {f"{part}_length_{side}": _length(body, part, side) for part in ("thigh", "shank")}
     hips = [evaluate(body.trajectories[f"hip_{side}"], body.time).rate for side in SIDES if f"hip_{side}" in at]
     # As the reference of neura_sparse, but smoothing the velocity: a walk that starts at full speed loses no distance.
-    velocity = gaussian_filter1d(np.mean(hips, axis=0)[:, :2], PATH_SMOOTHING_S * rate_hz, axis=0, mode="nearest")
+    velocity = gaussian_filter1d(np.mean(hips, axis=0)[:, :2], 0.2 * rate_hz, axis=0, mode="nearest")
     speed = np.linalg.norm(velocity, axis=1)
     path = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2.0)]) / rate_hz
     diagnostics["heading"] = heading

@@ -29,7 +29,7 @@ Deviations from the paper:
        is level, see `jgait.estimators.foot_ins.readout`.
     5. Smoothing; `smooth=False` gives the filter.
     6. Standard deviations of stride lengths are the filter's times a factor from the innovations of the stride.
-    7. With smoothing, the headings of two feet are kept from drifting apart, see `jgait.estimators.foot_ins.headings`;
+    7. With smoothing, the headings of two feet are kept from drifting apart, see `jgait.estimators.foot_ins.readout`;
        the estimate of one recording only: in cohorts and in tuning each foot is estimated by itself.
 
 Parameters without a gradient: `sway`, `gyr_bias` and `gyr_bias_tilt` enter only the belief at the start; the detection

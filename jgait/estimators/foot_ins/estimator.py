@@ -10,15 +10,13 @@ from jaxtyping import PyTree
 
 from jgait import filtering, quality
 from jgait.estimators import noise
-from jgait.estimators.foot_ins import headings
 from jgait.estimators.foot_ins import model as foot_model
 from jgait.estimators.foot_ins import readout as foot_strides
 from jgait.estimators.foot_ins import windows as foot_windows
 from jgait.estimators.foot_ins.about import ABOUT
-from jgait.estimators.foot_ins.inputs import FootInputs, FootSignals
 from jgait.estimators.foot_ins.model import FootControl, FootError, FootModelParams, FootObservation
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions, FootParams, with_body
-from jgait.estimators.foot_ins.prepare import prepare
+from jgait.estimators.foot_ins.prepare import FootInputs, FootSignals, prepare
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.notes import NO_STEPS
@@ -230,7 +228,7 @@ def _finished(result: Estimate, made: Prepared[FootInputs]) -> Estimate:
     worn = {side: f"foot_{SIDES[side]}" for side in feet}
     footholds = {f"footholds_{SIDES[side]}": foot.foothold[: int(foot.count)] for side, foot in feet.items()}
     result = result._replace(diagnostics={**result.diagnostics, **footholds})
-    result = headings.together(result) if made.options.smooth and len(feet) == 2 else result
+    result = foot_strides.with_headings_together(result) if made.options.smooth and len(feet) == 2 else result
     cut = cut_off(result, {side: (worn[side], foot.gyr - foot.gyr_bias) for side, foot in feet.items()})
     valid = np.asarray(result.strides.valid, bool)
     walks = set(np.asarray(result.strides.side)[valid].tolist())

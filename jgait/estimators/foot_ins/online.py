@@ -28,9 +28,8 @@ from jgait import filtering
 from jgait.estimators import lagged
 from jgait.estimators.checks import JUMP_S
 from jgait.estimators.foot_ins.estimator import filtered, prior_of
-from jgait.estimators.foot_ins.inputs import FootSignals
 from jgait.estimators.foot_ins.params import DEFAULT, FootParams
-from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REST_STEP, STANCE_EDGE_S, prepare
+from jgait.estimators.foot_ins.prepare import LOST_FORCE, LOST_RATE, REST_STEP, STANCE_EDGE_S, FootSignals, prepare
 from jgait.estimators.foot_ins.readout import SHORTEST_STRIDE_M, timed, walks_on
 from jgait.estimators.lagged import LaggedMotion, LaggedSample, LaggedSignals, LaggedState
 from jgait.estimators.notes import LONGEST_LOSS

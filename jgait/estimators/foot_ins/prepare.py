@@ -1,12 +1,14 @@
-"""Inputs of the foot estimator from a recording: stances, scale, attitude, footholds. NumPy, on the host.
+"""Inputs of the foot estimator, and how a recording gives them: stances, scale, attitude, footholds; on the host.
 
 This module detects stances and footholds and measures the gyroscope bias at rest. It has no gradient; `foot_ins.run`
 is differentiable for given stances and footholds.
 """
 
 import itertools
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from jaxtyping import PyTree
 
 from jgait.estimators.checks import (
     bridged,
@@ -19,9 +21,8 @@ from jgait.estimators.checks import (
     readings,
     sensors_of,
 )
-from jgait.estimators.foot_ins.inputs import FOOTHOLDS, FootInputs, FootSignals
 from jgait.estimators.foot_ins.params import DEFAULT, FootOptions
-from jgait.estimators.interface import Prepared
+from jgait.estimators.interface import Axis, Held, Prepared, Sampled, Times
 from jgait.estimators.noise import features
 from jgait.estimators.notes import (
     ACCELEROMETER_OFF,
@@ -37,10 +38,10 @@ from jgait.events import foot as events
 from jgait.events.rest import Rest, rest
 from jgait.geometry.rotation import Quaternion, conjugate, integrated, level, rotated
 from jgait.geometry.vectors import GRAVITY, as_array, vector
-from jgait.notes import FEW_RESTS, Kind, Note
+from jgait.notes import FEW_RESTS, Kind, Note, record
 from jgait.quality import SensorQuality
 from jgait.quality.evidence import FAR_OFF
-from jgait.types import SIDES, Imu, Recording, RecordingError
+from jgait.types import SIDES, Counts, Imu, Recording, RecordingError, Values
 
 SLOWEST_HZ = 45.0
 """[Hz] Lowest sampling rate; a lower rate does not sample the jolt of a heel strike, which lasts some 30 ms."""
@@ -57,10 +58,9 @@ REST_STEP = 20.0
 STANCE_EDGE_S = 0.3
 """[s] `leaves` is at most this long before the end of a stance, `arrives` at most this long after its start."""
 
-OFF_FROM, SCALES = 2.0, 0.03
+OFF_FROM = 2.0
 """[1] Least size of the logarithm of the scale over its deviation that is noted, chosen so that none of 52 shoes of
-public sets is noted as measured (`experiments.unseen2.scales`); and deviation of the scale where all strides end at
-rest: of a gyroscope, and by rates that are sampled 50 times a second, whose peaks are lower."""
+public sets is noted as measured (`experiments.unseen2.scales`)."""
 
 NEVER_RESTS = Kind(
     "foot_never_rests",
@@ -68,6 +68,55 @@ NEVER_RESTS = Kind(
     "{placement} never rests for half a second: its gyroscope's bias is not known, headings drift more",
     FEW_RESTS,
 )
+
+
+FOOTHOLDS = Axis("hold", 20, 2)
+"""The axis of footholds; from stance to stance are twenty samples or more."""
+
+PerFoothold = Annotated[Values, FOOTHOLDS]
+"""(K,), one entry a foothold; padding repeats the last entry."""
+
+
+class FootSignals(NamedTuple):
+    """Signals of one foot's sensor, with its stances and footholds."""
+
+    gyr: Held  #: (T, 3) mean angular rate over the interval that ends at each sample [rad/s].
+    acc: Held  #: (T, 3) mean specific force over it [m/s²].
+    gyr_jump: Sampled  #: (T,) change of the rate from sample to sample, the largest over a short window [rad/s].
+    acc_jump: Sampled  #: (T,) change of the specific force from sample to sample, likewise [m/s²].
+    gyr_doubt: Sampled  #: (T,) standard deviation of the rate where it was lost or clipped, else 0 [rad/s].
+    acc_doubt: Sampled  #: (T,) standard deviation of the specific force, likewise [m/s²].
+    rate: Sampled  #: (T,) magnitude of the rate, without bias [rad/s].
+    stands: Sampled  #: (T,) bool, True in stance.
+    margin: Sampled  #: (T,) logarithm of the detector's threshold over its statistic, above 0 exactly where `stands`.
+    features: Held  #: (T, F) features of noise models, see `jgait.estimators.noise.features`.
+    restart: Sampled  #: (T,) float, 1 at the sample after each foothold, else 0.
+    dt: Sampled  #: (T,) time since the previous sample [s]; 0 up to the first stance, where the filter starts.
+    valid: Sampled  #: (T,) bool; False before the first stance and in padding.
+    attitude: PyTree  #: (4,) q_ws at the first stance, w first, its heading arbitrary.
+    gyr_bias: Values  #: (3,) gyroscope bias at rest [rad/s].
+    acc_bias: Values  #: (3,) accelerometer bias along the vertical, measured from gravity at rest [m/s²].
+    up: Values  #: (3,) the vertical at the first stance, in the sensor's axes [1].
+    still_time: Values  #: duration of rest over which the gyroscope bias was measured [s].
+    foothold: PerFoothold  #: (K,) samples of the footholds, in order; padding repeats the last.
+    #: (K,) sample at or before the end of the stance, at which the timing of the next stride starts.
+    leaves: PerFoothold
+    #: (K,) sample at or after the start of the stance, at which the timing of the last stride ends.
+    arrives: PerFoothold
+    final_contact: PerFoothold  #: (K,) sample of the final contact after the foothold.
+    initial_contact: PerFoothold  #: (K,) sample of the next initial contact.
+    whole: PerFoothold  #: (K,) bool; False where too many samples are lost up to the next foothold to estimate a stride
+    known: Sampled  #: (T,) bool; False in the strides that `whole` excludes.
+    count: Counts  #: number of footholds.
+
+
+@record
+class FootInputs(NamedTuple):
+    """Inputs of `foot_ins.run`: signals of each foot with a sensor at times (T,) [s]; every leaf is an array."""
+
+    time: Times
+    right: FootSignals | None
+    left: FootSignals | None
 
 
 def prepare(recording: Recording, options: FootOptions = DEFAULT) -> Prepared[FootInputs]:
@@ -229,7 +278,8 @@ def gyroscope_scale(
         more = -np.sum(rest * slope, axis=1) / effect
         across = np.linalg.norm(rest + more[:, None] * slope, axis=1) / np.sqrt(effect)
         scale = float(np.clip(scale + np.median(more), 0.3, 3.0))
-    return scale, float(np.hypot(SCALES, np.median(across) / scale))
+    # 3 % where all strides end at rest: of a gyroscope, and by rates sampled 50 times a second, whose peaks are lower
+    return scale, float(np.hypot(0.03, np.median(across) / scale))
 
 
 def _more_footholds(stances: events.Stances, hz: float) -> events.Stances:

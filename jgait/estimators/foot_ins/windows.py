@@ -18,7 +18,7 @@ import jax
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.estimators.foot_ins.inputs import FOOTHOLDS, FootSignals
+from jgait.estimators.foot_ins.prepare import FOOTHOLDS, FootSignals
 from jgait.estimators.foot_ins.readout import Path
 from jgait.estimators.interface import Axis, axes_of
 from jgait.geometry.rotation import level, turned, yawed

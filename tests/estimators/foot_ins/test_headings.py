@@ -6,7 +6,7 @@ from made.estimators import part
 
 from jgait import datasets
 from jgait.estimators import foot_ins
-from jgait.estimators.foot_ins import FootParams, headings
+from jgait.estimators.foot_ins import FootParams, readout
 from jgait.types import Recording
 
 STRIDES, HZ = 24, 50.0
@@ -24,7 +24,7 @@ def walked(drifts, angle=0.0, noise=0.0):
         place = np.stack([1.3 * (along + 0.5 * side * outward), 0.075 * (2 * side - 1) * outward], axis=1)
         place += noise * rng.standard_normal(place.shape)
         way = np.interp(time, time[at], place @ [1.0, 1.0j])
-        ways.append(headings.turned_way(way, drift * (time - time[at[0]]) + angle * side))
+        ways.append(readout.turned_way(way, drift * (time - time[at[0]]) + angle * side))
         steps.append(at)
     return time, ways, steps
 
@@ -32,7 +32,7 @@ def walked(drifts, angle=0.0, noise=0.0):
 @pytest.mark.parametrize("angle", [0.0, 2.5])
 def test_the_difference_of_the_rates_is_found_and_divided_by_the_variances(angle):
     time, ways, steps = walked((-3e-3, 2e-3), angle, noise=0.02)
-    found = headings.rates(time, ways, steps, (4e-3, 2e-3))
+    found = readout.heading_rates(time, ways, steps, (4e-3, 2e-3))
     assert found.right - found.left == pytest.approx(-5e-3, abs=5e-4)
     assert found.right == pytest.approx(0.8 * (found.right - found.left))
     assert found.remaining < 0.2
@@ -41,7 +41,7 @@ def test_the_difference_of_the_rates_is_found_and_divided_by_the_variances(angle
 @pytest.mark.parametrize(("drift", "spread", "most"), [(0.0, 2e-3, 3e-4), (4e-3, 3e-3, 4e-4)])
 def test_feet_that_go_together_stay_as_they_are_and_a_common_drift_is_not_seen(drift, spread, most):
     time, ways, steps = walked((drift, drift))
-    found = headings.rates(time, ways, steps, (spread, spread))
+    found = readout.heading_rates(time, ways, steps, (spread, spread))
     assert abs(found.right - found.left) < most
 
 
