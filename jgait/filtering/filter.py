@@ -12,13 +12,10 @@ from jax import lax
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from jgait.filtering import inputs, posterior
-from jgait.filtering.batch import differentiable
 from jgait.filtering.covariance import Covariance, Entries, Layout, Numbers, Tree
-from jgait.filtering.fast import scan as fast
 from jgait.filtering.methods import EKF, KF, Method
 from jgait.filtering.model import Belief, Model
 from jgait.filtering.posterior import FIELDS, KEEP, SUMMARY, Inferred, Posterior
-from jgait.filtering.scan import Recorded
 from jgait.geometry.arrays import compiled
 
 Execution = Literal["auto", "core", "fast"]
@@ -29,12 +26,6 @@ fast   `jgait.filtering.fast`: scalar components with the structure of the model
        filters and smoothed means by KF and EKF, on models with few states and observations, without a manifold and
        without a `residual`
 auto   `fast` for small models that it can compute, else `core`
-"""
-
-FAST_UP_TO = 32
-"""Error components × observed components below which "auto" uses components [1].
-
-Compilation time grows with the components: 1 s at 8 × 2, ten at 15 × 3 (its gradient minutes), longer than most runs.
 """
 
 
@@ -89,13 +80,23 @@ def infer(
         inputs.check_linear(given)
     if execution not in (names := get_args(Execution)):
         raise ValueError(f"execution must be one of {', '.join(names)}; got {execution!r}")
-    small = execution == "auto" and shape.error.size * len(shape.measured) < FAST_UP_TO
-    refused = fast.refused(given, method, smooth and bool(chosen)) if small or execution == "fast" else "core"
-    if execution == "fast" and refused:
-        raise ValueError(refused)
+    # The time to compile `fast` grows with error components × observed components: 1 s at 8 × 2, ten at 15 × 3 (its
+    # gradient minutes), longer than most runs.
+    small = execution == "auto" and shape.error.size * len(shape.measured) < 32
+    # The scans are imported where one is compiled: a program that is kept from another run needs none.
+    refused = "core"
+    if small or execution == "fast":
+        from jgait.filtering.fast import scan as fast
+
+        refused = fast.refused(given, method, smooth and bool(chosen))
+        if execution == "fast" and refused:
+            raise ValueError(refused)
     if not refused:
         field_values = fast.solve(given, fields, smooth)
     else:
+        from jgait.filtering.batch import differentiable
+        from jgait.filtering.scan import Recorded
+
         inner = posterior.closure(shape, chosen) if smooth else ()
         kept = dict.fromkeys(name for field in fields for name in posterior.NEEDS[field])
         if smooth:

@@ -73,8 +73,6 @@ NEEDS = {
 }  # fmt: skip
 """Field of `Posterior` → outputs of the scan that it is computed from."""
 
-LOG_2PI = math.log(2.0 * math.pi)
-
 
 @record
 class Inferred(NamedTuple):
@@ -128,7 +126,7 @@ def fields_of(
                 visible = jnp.stack([jnp.broadcast_to(jnp.asarray(s), given.length) for s in given.visible], axis=1)
                 value = jnp.sum(visible, axis=1, dtype=shape.dtype)
                 if name == "log_likelihood":
-                    value = -0.5 * (out["nis"] + out["log_det"] + value * LOG_2PI)
+                    value = -0.5 * (out["nis"] + out["log_det"] + value * math.log(2.0 * math.pi))
                 value = jnp.where(valid, value, 0.0)
             case _:
                 value = out[name]

@@ -48,10 +48,6 @@ BACK = ("move", "smoothed", "lam", "Lam")
 AXES = {"delta": 1, "move": 1, "lam": 1, "cov": 2}
 """Number of axes of errors of the outputs."""
 
-SEGMENT = 2**17
-"""[samples] Recordings that are longer (22 minutes at 100 Hz) are smoothed in segments of this length: they are
-filtered twice, and memory holds the covariances of one segment."""
-
 
 class Sample(NamedTuple):
     """One sample of a batch, or all of them with the time axis in front."""
@@ -167,7 +163,9 @@ class Recorded:
     keep: tuple[str, ...]  #: names of outputs.
     chosen: tuple[int, ...] = ()  #: components whose smoothed covariances are computed.
     all: bool = False  #: whether everything is computed that the gradient needs, behind `keep`.
-    segment: int = SEGMENT
+    #: number of samples from which on a recording (22 minutes at 100 Hz) is smoothed in segments of this length: it is
+    #: filtered twice, and memory holds the covariances of one segment.
+    segment: int = 2**17
 
     @property
     def linearises_once(self) -> bool:

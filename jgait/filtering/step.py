@@ -14,12 +14,6 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-REDUCED = 32
-"""Terms of the longest sum of products of one recording that XLA's reductions vectorise."""
-
-ENTRIES = 6
-"""Rows of the largest matrix that is inverted number by number."""
-
 
 def predict(
     P: Float[Array, "n n B"], A: Float[Array, "n n B"], Q: Float[Array, "n n B"], x: Float[Array, "k B"]
@@ -85,10 +79,10 @@ def product(
 ) -> Float[Array, "i j B"]:
     """Matrix products, added to the matrices `to`, if there are any.
 
-    For one recording XLA vectorises a reduction that is not long; else sums of products written out. Without `hold`,
+    For one recording XLA vectorises a reduction of up to 32 terms; else sums of products written out. Without `hold`,
     for one use alone, XLA computes the product in the loop of that use.
     """
-    if max(a.shape[-1], b.shape[-1]) == 1 and a.shape[1] <= REDUCED:
+    if max(a.shape[-1], b.shape[-1]) == 1 and a.shape[1] <= 32:
         result = jnp.sum(a[:, :, None] * b[None], axis=1)
         return result if to is None else to + result
     first, *rest = (a[:, k, None] * b[None, k] for k in range(a.shape[1]))
@@ -165,11 +159,11 @@ def held(*values: Any) -> Any:
 def inverse(s: Float[Array, "m m B"]) -> tuple[Float[Array, "m m B"], Float[Array, "B"], Bool[Array, "B"]]:
     """The inverses of symmetric matrices, log-determinants, and whether all pivots are positive.
 
-    A pivot that is not positive is replaced by 1. A matrix of more than `ENTRIES` rows is inverted by halves, with the
-    same pivots: number by number, its program would take long to compile.
+    A pivot that is not positive is replaced by 1. A matrix of more than six rows is inverted by halves, with the same
+    pivots: number by number, its program would take long to compile.
     """
     size, half = s.shape[0], s.shape[0] // 2
-    if size > ENTRIES:
+    if size > 6:
         first, log_det, good = inverse(s[:half, :half])
         beside = product(s[half:, :half], first)
         last, log_det_last, good_last = inverse(s[half:, half:] - product_transposed(beside, s[half:, :half]))

@@ -46,7 +46,6 @@ from jgait.filtering.fast.components import (
 from jgait.filtering.inputs import Inputs
 from jgait.filtering.linear import Leaves, Shape
 from jgait.filtering.methods import EKF, KF, Method
-from jgait.filtering.posterior import LOG_2PI
 
 SEGMENTED_FROM = 256
 """Least number of samples of a recording that is scanned in segments; shorter recordings have one segment."""
@@ -221,7 +220,7 @@ def advanced(shape: Shape, params: Leaves, before: Components, sample: Reading) 
     statistics = {
         "innovation": g.innovation,
         "innovation_stddev": [lax.sqrt(row[a]) for a, row in enumerate(g.spread)],
-        "log_likelihood": -0.5 * (nis + g.log_det + count * LOG_2PI),
+        "log_likelihood": -0.5 * (nis + g.log_det + count * math.log(2.0 * math.pi)),
         "nis": nis,
         "count": count,
     }
