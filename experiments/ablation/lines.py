@@ -22,7 +22,7 @@ FOLDERS = (
     "notes.py",
     "io/checks",
     "io/clock.py",
-    "io/arrays.py",
+    "io/recording.py",
 )
 """What estimates and checks a recording, in jgait/."""
 

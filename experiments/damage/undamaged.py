@@ -15,7 +15,7 @@ from jgait import simulate
 from jgait.estimators.combined.crosscheck import CLOCK_OFF
 from jgait.estimators.notes import RATES_OFF
 from jgait.estimators.waist.notes import GYROSCOPE_CONTRADICTS, WALKING_MISSED
-from jgait.io.checks import order, pace, readings
+from jgait.io.checks import readings, walking
 from jgait.mounting.places import PLACES_EXCHANGED
 from jgait.notes import Kind
 from jgait.quality import notes as quality_notes
@@ -23,7 +23,7 @@ from jgait.simulate.sensors import IDG300, MPU6000, OPAL
 from jgait.types import Recording, RecordingError
 
 CODES = {
-    kind.code for module in (order, pace, readings, quality_notes)
+    kind.code for module in (walking, readings, quality_notes)
     for kind in vars(module).values() if isinstance(kind, Kind)
 } - {"channel_clipped", "channel_constant", "accelerometer_coarse", "range_lost"}  # fmt: skip
 """Codes of the readers' notes about damage."""

@@ -4,7 +4,8 @@ The package contains no data: `fetch(name)` downloads a set, or `JGAIT_DATA_DIR`
 A set may contain more recordings than this version of jgait lists; these are loaded and marked as unverified.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable
+from typing import NamedTuple
 
 from jgait.datasets.registry import (
     ChecksumError,
@@ -20,8 +21,7 @@ from jgait.datasets.registry import (
     register,
     unavailable_reason,
 )
-from jgait.datasets.walks import Failure, Walks, body, load_each
-from jgait.types import Walk
+from jgait.types import SIDES, Measures, Walk, reason_of
 
 __all__ = [
     "ChecksumError",
@@ -44,6 +44,21 @@ __all__ = [
     "repeated",
     "unavailable_reason",
 ]
+
+
+class Failure(NamedTuple):
+    """A recording that could not be read, and why."""
+
+    name: str
+    reason: str
+
+
+class Walks(list[Walk]):
+    """Walks in a list; `failures` are (name, reason) of every recording that could not be read."""
+
+    def __init__(self, walks: Iterable[Walk] = (), failures: Iterable[Failure] = ()) -> None:
+        super().__init__(walks)
+        self.failures: tuple[Failure, ...] = tuple(failures)
 
 
 def names(name: str) -> tuple[str, ...]:
@@ -95,3 +110,35 @@ def load(name: str, only: Collection[str] | None = None) -> Walks:
         if lacking:
             raise ValueError(f"{name} has no recording {lacking[0]!r}; there are {', '.join(there)}")
     return load_each([wanted for wanted in there if wanted in only], loader(name).load_one)
+
+
+def load_each(names: Iterable[str], load_one: Callable[[str], Walk]) -> Walks:
+    """Load recordings one by one; a recording that cannot be read is listed in `failures`.
+
+    ImportError is raised: a missing package is an error of the installation and not of the recording.
+    """
+    walks, failures = [], []
+    for name in names:
+        try:
+            walks.append(load_one(name))
+        except ImportError:
+            raise
+        except Exception as error:  # any error of one file is listed, and the other files are read
+            failures.append(Failure(name, reason_of(error)))
+    return Walks(walks, failures)
+
+
+def body(walk: Walk) -> Measures:
+    """Body measures of the person, as far as known, for `evaluate.cohort` and `tune.lessons`.
+
+    Lengths are in `info["lengths"]` (public sets), or among the diagnostics of the reference (simulated walks).
+
+    Returns:
+        "thigh_length" and "shank_length" [m], each (right, left); unknown lengths are left out.
+    """
+    lengths = walk.info.get("lengths")
+    if lengths is not None:
+        names = ("thigh_length", "shank_length")
+        return {name: tuple(float(lengths[side][i]) for side in SIDES) for i, name in enumerate(names)}
+    known = {} if walk.reference is None else walk.reference.diagnostics
+    return {name: (float(known[name]),) * 2 for name in ("thigh_length", "shank_length") if name in known}

@@ -7,7 +7,8 @@ corrected velocity is integrated to the displacement; its horizontal length is t
 
 In a slow swing the gyroscope and the accelerometer can both be quiet for a moment. Gravity distinguishes it from a
 stance: the tilt from the accelerometer and the attitude then differ by 10–60°, at a stance by 0–5°. An instant with a
-larger difference is not accepted as a stance, and the stride continues to the next stance.
+larger difference is not accepted as a stance, and the stride continues to the next stance. All limits were chosen by
+hand.
 
 No magnetometer, so no heading: strides are lengths, and their sum is the path of the foot. It is a reference
 for estimators that use other sensors; against Vicon on `neura_sparse` see tests/datasets/test_foot_reference.py.
@@ -22,16 +23,6 @@ from jgait.types import Imu, as_float
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
-
-STANCE_RATE = 1.0  # [rad/s] largest angular rate of a standing foot over 50 ms
-STANCE_ACC = 1.2  # [m/s²] largest standard deviation of a standing foot's specific force over 50 ms
-STANCE_TIME = 0.08  # [s] shortest stance
-STRIDE_TIME = (0.25, 3.0)  # [s] shortest and longest time between the quiet instants of two stances
-STANCE_TILT = 0.12  # [rad] largest difference between attitude and accelerometer's tilt at the next stance
-CANDIDATES = 3  # number of successive stances that are tried as the end of a stride
-STRIDE_LENGTH = 0.05  # [m] shortest stride; in a shorter displacement a standing foot is shifted
-BOTH_STANDING = 0.4  # [s] shortest common stance of both feet that separates two bouts of walking
-BOUT_LENGTH = 1.0  # [m] shortest path of a walking bout; a shorter bout is steps on the spot
 
 
 class FootPath(NamedTuple):
@@ -78,7 +69,7 @@ def strapdown(gyr: np.ndarray, acc: np.ndarray, dt: float, acc_start: np.ndarray
 
 def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
     """Stances of the foot, (start, end) [samples], half-open: the largest rate and the spread of the force over 50 ms
-    are below `STANCE_RATE` and `STANCE_ACC` for `STANCE_TIME`, without missing samples.
+    are below 1 rad/s and 1.2 m/s² for 80 ms, without missing samples.
     """
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
@@ -87,8 +78,8 @@ def stances(imu: Imu, rate_hz: float) -> list[tuple[int, int]]:
     force = np.linalg.norm(imu.acc, axis=1)
     mean = uniform_filter1d(force, size)
     spread = np.sqrt(np.maximum(uniform_filter1d(force**2, size) - mean**2, 0.0))
-    still = (rate < STANCE_RATE) & (spread < STANCE_ACC) & imu.mask
-    return [run for run in true_runs(still) if run[1] - run[0] >= STANCE_TIME * rate_hz]
+    still = (rate < 1.0) & (spread < 1.2) & imu.mask
+    return [run for run in true_runs(still) if run[1] - run[0] >= 0.08 * rate_hz]
 
 
 def foot_path(imu: Imu, rate_hz: float) -> FootPath:
@@ -108,7 +99,7 @@ def foot_path(imu: Imu, rate_hz: float) -> FootPath:
     while current < len(standing) - 1:
         following, stride = _next_stride(as_float(gyr), imu, rate_hz, standing, current)
         current = following
-        if stride is None or stride.length < STRIDE_LENGTH:
+        if stride is None or stride.length < 0.05:  # a standing foot that is shifted
             continue
         distance[stride.first : stride.last + 1] += stride.forward
         distance[stride.last + 1 :] += stride.length
@@ -120,17 +111,17 @@ def foot_path(imu: Imu, rate_hz: float) -> FootPath:
 
 
 def walking_strides(feet: dict[str, FootPath], rate_hz: float) -> dict[str, FootPath]:
-    """The strides of walking (side → strides), without bouts shorter than `BOUT_LENGTH` between times in which both
-    feet stand for `BOTH_STANDING`: a turn, or a shift of a foot on the spot.
+    """The strides of walking (side → strides), without bouts shorter than 1 m between times in which both feet stand
+    for 0.4 s: a turn, or a shift of a foot on the spot.
     """
     both = np.logical_and.reduce([path.standing for path in feet.values()])
-    pauses = [run for run in true_runs(both) if run[1] - run[0] >= BOTH_STANDING * rate_hz]
+    pauses = [run for run in true_runs(both) if run[1] - run[0] >= 0.4 * rate_hz]
     moving = true_runs(~_covered(pauses, len(both)))
     kept = {side: np.zeros(len(path.length), bool) for side, path in feet.items()}
     for start, end in moving:
         inside = {side: ((path.start + path.end) / 2 >= start) & ((path.start + path.end) / 2 < end)
                   for side, path in feet.items()}  # fmt: skip
-        if np.mean([path.length[inside[side]].sum() for side, path in feet.items()]) >= BOUT_LENGTH:
+        if np.mean([path.length[inside[side]].sum() for side, path in feet.items()]) >= 1.0:
             kept = {side: kept[side] | inside[side] for side in feet}
     return {side: _only(path, kept[side]) for side, path in feet.items()}
 
@@ -162,28 +153,28 @@ class _Stride(NamedTuple):
 def _next_stride(
     gyr: np.ndarray, imu: Imu, rate_hz: float, standing: list[tuple[int, int]], current: int
 ) -> tuple[int, _Stride | None]:
-    """The stance that ends the next stride, and this stride: the first with a tilt difference below `STANCE_TILT`, or
-    the smallest; None if samples are missing or the times are implausible.
+    """The stance that ends the next stride, and this stride: the first of three stances with a tilt difference below
+    0.12 rad, or the smallest; None if samples are missing, or it does not last 0.25 to 3 s.
     """
     tried: list[tuple[int, _Stride]] = []
     acc = as_float(imu.acc)
     before = standing[current]
     reach = int(0.4 * rate_hz)
     first = _quietest(gyr, max(before[0], before[1] - reach), before[1])
-    for following in range(current + 1, min(current + 1 + CANDIDATES, len(standing))):
+    for following in range(current + 1, min(current + 4, len(standing))):
         after = standing[following]
         last = _quietest(gyr, after[0], min(after[1], after[0] + reach))
         time = (last - first) / rate_hz
-        if time > STRIDE_TIME[1] or not imu.mask[first : last + 1].all():
+        if time > 3.0 or not imu.mask[first : last + 1].all():
             break
-        if time < STRIDE_TIME[0]:
+        if time < 0.25:
             continue
         part = slice(first, last + 1)
         position, tilt = strapdown(gyr[part], acc[part], 1 / rate_hz, _rest(acc, first), _rest(acc, last))
         length = float(np.hypot(*position[-1, :2]))
         forward = position[:, :2] @ (position[-1, :2] / max(length, 1e-12))
         tried.append((following, _Stride(first, last, length, float(position[-1, 2]), tilt, forward)))
-        if tilt <= STANCE_TILT:
+        if tilt <= 0.12:
             return tried[-1]
     if not tried:
         return current + 1, None

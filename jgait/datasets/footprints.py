@@ -39,8 +39,6 @@ ROOT = "data/LLIO_training_data"
 RULER = "data/own"
 ENDING = "_LLIO.mat"
 COLUMNS = ("strideIndex", "timestamp", "gcpX", "gcpY")
-CLOCKS = 1e-3  # [s] largest difference between the time of a footprint and the time of its sample
-ABOVE = np.array([1.0, -1.0])  # factors that convert a plan seen from below to a plan seen from above
 
 
 def names() -> list[str]:
@@ -102,7 +100,7 @@ def _footprints(name: str, time: np.ndarray, files: Files) -> tuple[str | None, 
     if samples[0] < 0 or samples[-1] >= len(time) or np.any(np.diff(samples) <= 0):
         raise RecordingError(f"{path.name}: strideIndex must rise from 0 or more to less than {len(time)}")
     late = np.abs(time[samples] - clock).max()
-    if late > CLOCKS:
+    if late > 1e-3:  # [s] the times are written in milliseconds
         raise RecordingError(f"{path.name}: a footprint is {late:.3f} s off the sample that it names")
-    position = np.stack([x, y], axis=1) * ABOVE
+    position = np.stack([x, -y], axis=1)  # seen from above
     return None, {"samples": samples, "time": time[samples] - time[0], "position": position}

@@ -41,7 +41,11 @@ IMU_LATE = Kind(
 )
 
 RATE_HZ = 100.0
-LAG = 2  # [samples] delay of the IMU against Vicon
+"""[Hz] Sampling rate of the IMUs and of Vicon, by upstream."""
+
+LAG = 2
+"""[samples] Delay of the IMU against Vicon, at which their rates of turn correlate best; a test computes it."""
+
 ROOT = "data/sample"
 LIST = f"{ROOT}/data-list.csv"
 
@@ -57,15 +61,12 @@ SERIALS = {
     "foot_left": "00B40C55",
 }
 
-# The parts of the published trial for which results are reported, chosen by eye on the pelvis' path.
-_WINDOWS = {
+WINDOWS = {
     "S02-Trial-Walk-1": {
-        "standing": (200, 1000),
-        "straight_1": (1120, 1440),
-        "straight_2": (1640, 2074),
-        "end_standing": (2200, 2450),
+        "standing": (200, 1000), "straight_1": (1120, 1440), "straight_2": (1640, 2074), "end_standing": (2200, 2450),
     }
-}
+}  # fmt: skip
+"""[samples] The parts of the published trial for which results are reported, chosen by eye on the pelvis' path."""
 
 
 def names() -> list[str]:
@@ -187,9 +188,9 @@ def _reference(
 def _windows(
     name: str, frames: tuple[int, int], sensors: dict[str, Imu], heading: np.ndarray
 ) -> dict[str, tuple[int, int]]:
-    """Standing, walking and straight parts; computed for trials that are not in `_WINDOWS`."""
-    if name in _WINDOWS:
-        return {"whole": frames, **_WINDOWS[name]}
+    """Standing, walking and straight parts; computed for trials that are not in `WINDOWS`."""
+    if name in WINDOWS:
+        return {"whole": frames, **WINDOWS[name]}
     from jgait.events.rest import longest_still
 
     start, end = frames

@@ -45,15 +45,8 @@ from jgait.types import Estimate, Feet, FootTrajectory, Legs, Recording, Recordi
 
 ROOT = "data/vicon/processed"
 DETECTORS = ("vicon", "shoe", "ared", "amvd", "mbgtd")
-RIGHT_HANDED = np.array([1.0, -1.0, 1.0])
-JUMP = 10.0  # [m/s] speed above which a change of position is a jump; no foot is as fast
-HELD = 3  # [samples] fewest equal successive positions that mean that Vicon lost the foot
-STILL = 0.5  # [m/s] largest speed of a standing foot, which still rolls a little
-MEDIAN = 9  # [samples] window of the speed's median; single positions have errors of some centimetres
-FLICKER = 0.1  # [s] a movement between two stances that is shorter is removed
-SHORTEST_STANCE_S = 0.05  # [s] shortest stance
-LONGEST_STANDING_S = 0.3  # [s] a stride begins at most so long before the foot leaves and ends so long after it arrives
-SEEN = 0.8  # [1] smallest share of valid Vicon samples between two footprints
+LONGEST_STANDING_S = 0.3
+"""[s] A stride begins at most so long before the foot leaves, and ends so long after it arrives; chosen by hand."""
 
 
 def names() -> list[str]:
@@ -79,14 +72,14 @@ def load_one(name: str) -> Walk:
     imu, rate_hz = foot_imu(path.name, time, values[:, 3:] * FLIP, values[:, :3] * FLIP)
     time = as_float(imu.time)
     valid = usable(position, rate_hz)
-    position = np.where(np.isfinite(position), position, 0.0) * RIGHT_HANDED
+    position = np.where(np.isfinite(position), position, 0.0) * [1.0, -1.0, 1.0]
     prints = stances(position, valid, time, rate_hz)
     arrived, left = time[prints["start"]], time[prints["end"] - 1]
     distance = way(imu.time, prints["position"], arrived, left)
     source = {"source": "Vicon; distance from stance to stance"}
     feet = Feet(FootTrajectory(position, None, None), None)
     # not valid where Vicon lost the foot for long, because a footprint may be missing
-    whole = np.array([valid[a:b].mean() > SEEN for a, b in itertools.pairwise(prints["samples"])], bool)
+    whole = np.array([valid[a:b].mean() > 0.8 for a, b in itertools.pairwise(prints["samples"])], bool)
     last = np.maximum(prints["time"], left - LONGEST_STANDING_S)
     first = np.minimum(prints["time"], arrived + LONGEST_STANDING_S)
     strides = footprint_strides("right", prints["position"], first, last, whole)
@@ -111,11 +104,11 @@ def usable(position: np.ndarray, rate_hz: float) -> np.ndarray:
     step = np.linalg.norm(np.diff(np.where(known[:, None], position, 0.0), axis=0), axis=1)
     step = np.where(known[1:] & known[:-1], step, np.nan)
     # The published times jitter more than the sensor's sampling, so the speed is computed with the nominal rate.
-    jump = np.flatnonzero(step * rate_hz > JUMP)
+    jump = np.flatnonzero(step * rate_hz > 10.0)  # [m/s] no foot is as fast
     known[jump] = False
     known[jump + 1] = False
     for start, end in true_runs(step == 0):
-        if end - start >= HELD:
+        if end - start >= 3:
             known[start : end + 1] = False
     return known
 
@@ -125,11 +118,12 @@ def stances(position: np.ndarray, valid: np.ndarray, time: np.ndarray, rate_hz: 
     from scipy.ndimage import median_filter
 
     speed = np.linalg.norm(np.gradient(position, axis=0), axis=1) * rate_hz
-    still = (median_filter(speed, MEDIAN) < STILL) & valid
+    # single positions have errors of some centimetres; a standing foot rolls a little
+    still = (median_filter(speed, 9) < 0.5) & valid
     joined = still.copy()
     for start, end in true_runs(~still):
-        joined[start:end] = start > 0 and end < len(still) and end - start < FLICKER * rate_hz
-    kept = [(start, end) for start, end in true_runs(joined) if end - start >= SHORTEST_STANCE_S * rate_hz]
+        joined[start:end] = start > 0 and end < len(still) and end - start < 0.1 * rate_hz
+    kept = [(start, end) for start, end in true_runs(joined) if end - start >= 0.05 * rate_hz]
     inside = [start + np.flatnonzero(still[start:end]) for start, end in kept]
     middle = np.array([samples[len(samples) // 2] for samples in inside], np.int64)
     edges = np.array(kept, np.int64).reshape(-1, 2)

@@ -27,7 +27,8 @@ FLIP = np.array([1.0, -1.0, -1.0])
 """Half a turn about x, a proper rotation: converts readings of a sensor with z down to axes with z up."""
 
 SHORTEST_STRIDE_M = 0.1
-"""[m] Shortest stride between two footprints; at a smaller distance the foot was put down again on the spot."""
+"""[m] Shortest stride between two footprints; at a smaller distance the foot was put down again on the spot. Chosen by
+hand."""
 
 
 class Files:

@@ -40,12 +40,20 @@ from jgait.notes import AS_READ, DATA_LOST, LEFT_OUT, Note
 from jgait.types import SIDES, Estimate, Imu, Legs, Recording, RecordingError, Walk
 
 RATE_HZ = 100.0
-MAX_GAP = 0.05  # [s] longest gap that is interpolated
+"""[Hz] Sampling rate of all sensors, by upstream."""
+
 ROOT = "Dataset"
 SENSORS = {1: "foot_right", 2: "shank_right", 3: "thigh_right", 4: "thigh_left", 5: "shank_left", 6: "foot_left"}
-ACC_SCALE = GRAVITY / 10000.0  # raw count → m/s²
-GYR_SCALE = np.pi / 180.0 / 100.0  # raw count → rad/s
-LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}  # [m] thigh, shank
+"""Number of a sensor in the names of the columns → its placement."""
+
+ACC_SCALE = GRAVITY / 10000.0
+"""[m/s²] One raw count of an accelerometer, by upstream."""
+
+GYR_SCALE = np.pi / 180.0 / 100.0
+"""[rad/s] One raw count of a gyroscope, by upstream."""
+
+LENGTHS = {"young": (0.485, 0.446), "elderly": (0.405, 0.417)}
+"""[m] Group → mean length of thigh and shank, upstream's tables 4.3 and 4.2."""
 
 
 def names() -> list[str]:
@@ -171,10 +179,10 @@ def _sensors(
 
 
 def _on_clock(time: np.ndarray, values: np.ndarray, clock: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values interpolated on the clock, 0 and masked where the samples around lie further apart than `MAX_GAP`."""
+    """Values interpolated on the clock, 0 and masked where the samples around lie more than 50 ms apart."""
     tick = 1e-6  # [s] tolerance; time stamps are whole milliseconds
     right = np.clip(np.searchsorted(time, clock - tick), 0, len(time) - 1)
     left = np.clip(np.searchsorted(time, clock + tick, side="right") - 1, 0, len(time) - 1)
-    mask = time[right] - time[left] <= MAX_GAP + tick
+    mask = time[right] - time[left] <= 0.05 + tick
     signals = np.stack([np.interp(clock, time, column) for column in values.T], axis=1)
     return np.where(mask[:, None], signals, 0.0), mask

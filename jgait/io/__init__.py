@@ -4,13 +4,12 @@ Only this package converts units, replaces NaN by a mask, and checks recordings:
 a recording unusable raise `RecordingError`; doubtful properties become notes.
 """
 
-from jgait.io.arrays import recording_from_arrays
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from jgait.io.checks import quality_notes
-from jgait.io.exports import MobgapTables, to_gaitmap_parameters, to_mobgap
-from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
 from jgait.io.formats.dialects import recording_from_gaitmap, recording_from_mobgap
 from jgait.io.formats.mobilised import mobilised_trials, read_mobilised
-from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 from jgait.io.formats.registry import FORMATS, format_of, read
 from jgait.io.params import (
     PRESETS,
@@ -22,12 +21,17 @@ from jgait.io.params import (
     write_params,
     write_preset,
 )
+from jgait.io.recording import recording_from_arrays
 from jgait.io.references import reference_from_tables, strides_from_dataframe
 from jgait.io.results import Results, analysis_to_dataframes
-from jgait.io.strides import strides_to_dataframe, to_gaitmap
+from jgait.io.strides import MobgapTables, strides_to_dataframe, to_gaitmap, to_gaitmap_parameters, to_mobgap
 from jgait.io.tables import read_csv, recording_from_dataframe
 from jgait.io.write import read_table, recording_to_dataframe, to_dataframe, write_csv, write_table
 from jgait.params import units
+
+if TYPE_CHECKING:
+    from jgait.io.formats.c3d import Capture, CaptureEvent, read_c3d
+    from jgait.io.formats.opensim import OpenSimMotion, opensim_reference, read_opensim
 
 __all__ = [
     "FORMATS",
@@ -71,3 +75,13 @@ __all__ = [
     "write_preset",
     "write_table",
 ]
+
+_MODULES = dict.fromkeys(("Capture", "CaptureEvent", "read_c3d"), "c3d")
+_MODULES |= dict.fromkeys(("OpenSimMotion", "opensim_reference", "read_opensim"), "opensim")
+
+
+def __getattr__(name: str) -> Any:
+    """A name of a module that reads references, which is imported when it is first asked for."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"jgait.io.formats.{_MODULES[name]}"), name)

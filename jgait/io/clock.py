@@ -13,28 +13,28 @@ from jgait.types import Recording, RecordingError, as_float
 LONGEST_STEP_S = 0.11
 """[s] Longest sample time, of 10 Hz by a clock that is a little off. Longer ones show no strides; methods need less."""
 
-SHORTEST_STEP_S, SHORTEST_USUAL_S = 1e-4, 5e-4
-"""[s], [s] Shortest sample time, and the shortest for which a unit is deduced: a clock of 32768 Hz makes steps of some
-hundred ticks, which would be 3000 Hz in us."""
+SHORTEST_USUAL_S = 5e-4
+"""[s] Shortest sample time for which a unit is deduced: a clock of 32768 Hz makes steps of some hundred ticks, which
+would be 3000 Hz in us."""
 
-FEWEST_STAMPS = 4  # [1] different time stamps from which the rate of packets follows
-LATEST = 5.0  # [samples] largest step backwards that the jitter of times explains; chosen, a few times the sample time
-LONGEST_GAP_S = 10.0  # [s] longest gap that is filled
-MOST_INSERTED = 100  # [1] samples for each row of a file; with more, nothing of the recording is left
+FEWEST_STAMPS = 4
+"""[1] Different time stamps from which the rate of packets follows: two steps, and one more that agrees."""
+
+LONGEST_GAP_S = 10.0
+"""[s] Longest gap that is filled; chosen by hand: after a longer one the filters know nothing of the walk."""
+
 REPEATED = 0.01
 """[1] Largest share of rows that repeat the time before them and are left out; with more, they are samples of coarse
 stamps. Chosen far above the one repeat in 30 s of `ipol_gait` 11-1."""
 
-COPIES = 0.9
-"""[1] Share of the rows that repeat the time before them from which on they are copies, if they repeat all readings."""
+BURST = 3.0
+"""[1] Steps over the median of stamps in bursts, as of packets that arrive; chosen by hand."""
 
-BURST, PACKETS = 3.0, 0.02
-"""[1] Steps over the median, and their least share, of stamps in bursts, as of packets that arrive; chosen."""
+LONG = 1.5
+"""[1] Steps over the usual one in which a sample is lost: half-way from one sample to two."""
 
-LONG = 1.5  # [1] steps over the usual one in which a sample is lost
-IRREGULAR, RANDOM = 8, 0.5
-"""[1] Number of long and short steps in a window of stamps, and how far they stray from even times there, over how far
-as many lost samples would: half of it. A timer's steps even out, lost samples add up."""
+IRREGULAR = 8
+"""[1] Number of long and short steps in a window of stamps in which they even out, or do not; chosen by hand."""
 
 JITTERY = 0.1
 """[1] Least number of steps below half the median, for each one above one and a half, of stamps that jitter: a stamp
@@ -44,11 +44,8 @@ BESIDE = 8
 """[rows] Number of rows before and after a step whose median lateness is compared: a sample is lost if all that follow
 are late. Chosen: few enough for several losses a second, enough for a jitter of half a sample."""
 
-STEADY = 64  # [rows] number of rows over whose median a sensor's clock is followed where its stamps jitter
-COUNTER_TURN = 2**16  # [samples] number at which Xsens' counters begin again
-RATE_OFF = 0.05  # [1] largest relative difference of a sampling rate that is given from that of the time stamps; chosen
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # unit of time → s
-
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Unit of time → s."""
 
 CLOCK_BEGINS = Kind(
     "clock_begins", "info", "",
@@ -129,7 +126,7 @@ def make_clock(
     rate = float(f"{1.0 / step:.9g}")
     if sampling_rate_hz is None:
         notes.append(DEDUCED.note(f"sampling rate {rate:.4g} Hz, from the time stamps"))
-    elif abs(rate / sampling_rate_hz - 1.0) > RATE_OFF:
+    elif abs(rate / sampling_rate_hz - 1.0) > 0.05:  # nominal rates differ by less
         raise _rate_needed(
             f"{name}: the time stamps run at {rate:.4g} Hz, but {{argument}} is {sampling_rate_hz:.4g}; "
             "give one of the two, or correct time_unit"
@@ -144,7 +141,7 @@ def fresh_rows(stamps: np.ndarray, again: np.ndarray | None, notes: list[Note]) 
     noted.
     """
     same = np.diff(stamps) == 0
-    copies = again is not None and np.sum(same & again) >= COPIES * same.sum()
+    copies = again is not None and np.sum(same & again) >= 0.9 * same.sum()
     if not same.any() or not (copies or same.sum() <= max(REPEATED * len(stamps), 1)):
         return np.arange(len(stamps))
     row = int(np.argmax(same)) + 1
@@ -158,10 +155,10 @@ def _rate_needed(text: str) -> RecordingError:
 
 
 def check_inserted(samples: int, rows: int, name: str) -> None:
-    """Refuse, by a RecordingError, a recording with more than `MOST_INSERTED` samples for each row."""
-    if samples > MOST_INSERTED * max(rows, FEWEST_SAMPLES):
+    """Refuse, by a RecordingError, a recording with more than 100 samples for each row, of which nothing is left."""
+    if samples > 100 * max(rows, FEWEST_SAMPLES):
         raise RecordingError(
-            f"{name}: {rows} rows are spread over {samples} samples; expected at most {MOST_INSERTED} for each row"
+            f"{name}: {rows} rows are spread over {samples} samples; expected at most 100 for each row"
         )
 
 
@@ -189,10 +186,10 @@ def count_samples(stamps: np.ndarray) -> bool:
 
 
 def unwrapped(counts: np.ndarray) -> np.ndarray | None:
-    """(n,) numbers of samples, or of packets of equal size, of a counter that turns at `COUNTER_TURN`; None of other
+    """(n,) numbers of samples, or of packets of equal size, of a counter that turns at 2¹⁶, as Xsens' do; None of other
     columns.
     """
-    numbers = np.unwrap(counts, period=COUNTER_TURN)
+    numbers = np.unwrap(counts, period=2**16)
     begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
     sizes = np.diff(begins, append=len(numbers))
     if len(sizes) > 1 and (sizes[:-1] == sizes[0]).all() and sizes[-1] <= sizes[0]:
@@ -226,7 +223,7 @@ def check_order(stamps: np.ndarray, name: str) -> None:
     usual = float(np.median(ordered))
     if usual > 0 and ordered.min() > 0.5 * usual and (len(wrong) > 1 or ordered.max() < 1.5 * usual):
         raise RecordingError(f"{where}: the rows are in disorder: sort them by time")
-    if stamps[-1] <= stamps[0] or -step.min() > LATEST * (stamps[-1] - stamps[0]) / len(step):
+    if stamps[-1] <= stamps[0] or -step.min() > 5.0 * (stamps[-1] - stamps[0]) / len(step):
         raise RecordingError(
             f"{where}: the clock stepped back, or another recording begins: split the recording there, and do not sort "
             "the rows, which mixes those of two times"
@@ -237,9 +234,7 @@ def _in_bursts(steps: np.ndarray) -> bool:
     """Whether steps (n,) of time are those of packets: most of them far shorter than the mean."""
     middle = float(np.median(steps))
     waits = np.sum(steps > BURST * middle)
-    return middle <= 0.0 or bool(
-        steps.mean() > BURST * middle and waits >= max(PACKETS * len(steps), FEWEST_STAMPS - 1)
-    )
+    return middle <= 0.0 or bool(steps.mean() > BURST * middle and waits >= max(0.02 * len(steps), FEWEST_STAMPS - 1))
 
 
 def usual_step(stamps: np.ndarray) -> float:
@@ -264,7 +259,7 @@ def unit_of_time(stamps: np.ndarray, stated: str | None, name: str) -> str:
         )
     if unit not in TIME_UNITS:
         raise RecordingError(f"{name}: time_unit must be one of {', '.join(map(repr, TIME_UNITS))}; got {unit!r}")
-    fits = [candidate for candidate, length in lengths.items() if SHORTEST_STEP_S <= length <= LONGEST_STEP_S]
+    fits = [candidate for candidate, length in lengths.items() if 1e-4 <= length <= LONGEST_STEP_S]
     if unit in fits:
         return unit
     hint = f"; it seems to be in {' or '.join(fits)}: correct {{argument}}" if fits else ""
@@ -302,7 +297,8 @@ def steadied(seconds: np.ndarray, notes: list[Note]) -> tuple[np.ndarray, np.nda
         position = np.concatenate([[0], np.cumsum(counts)])
         step = float(np.polyfit(position[begins], time, 1)[0])
     late = seconds - step * position
-    blocks = np.array_split(begins, max(len(begins) // max(STEADY * len(begins) // len(seconds), BESIDE), 1))
+    # a clock that drifts is followed by medians of 64 rows
+    blocks = np.array_split(begins, max(len(begins) // max(64 * len(begins) // len(seconds), BESIDE), 1))
     slow = np.interp(position, [position[b].mean() for b in blocks], [np.median(late[b]) for b in blocks])
     jitters = (
         "the time stamps jitter by {jitter_ms:.2g} ms about samples every {step_ms:.4g} ms; the samples are taken to "
@@ -323,7 +319,7 @@ def _evens_out(steps: np.ndarray, odd: np.ndarray) -> bool:
     cut = steps[: len(steps) // length * length].reshape(-1, length)
     stray = np.cumsum(cut - cut.mean(axis=1, keepdims=True), axis=1)
     random = np.sqrt(0.5 * np.pi * length) * cut.std(axis=1)
-    return bool(np.median(np.ptp(stray, axis=1)) < RANDOM * np.median(random))
+    return bool(np.median(np.ptp(stray, axis=1)) < 0.5 * np.median(random))  # lost samples add up
 
 
 def _lost(late: np.ndarray) -> np.ndarray:

@@ -1,10 +1,12 @@
-"""Dates, times of day and durations in the time column of a table, as texts or as pandas' types, in seconds."""
+"""The clock in a table: numbers, or dates, times of day and durations, as texts or as pandas' types, in seconds."""
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.names import column_of
+from jgait.io.clock import TIME_UNITS, check_order, count_samples, unit_of_time
+from jgait.io.names import column_of, unit_in_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,3 +75,27 @@ def with_time(table: "pd.DataFrame") -> "pd.DataFrame":
     if not named and not isinstance(index, pd.DatetimeIndex | pd.TimedeltaIndex):
         return table
     return table.reset_index(names=str(index.name) if named else "time")
+
+
+def clock_of(table: "pd.DataFrame", name: str) -> tuple[np.ndarray | None, float | None]:
+    """Times (T,) [s] by the index of a table or its first clock, and the seconds from 1970 to their 0, if any; None
+    without.
+    """
+    table = with_time(table)
+    clocks = [
+        column for column in map(str, table.columns)
+        if column_of(column) == "time" or re.search("epoc|time|elapsed", column, re.IGNORECASE)
+    ]  # fmt: skip
+    for column in sorted(clocks, key=lambda column: table[column].dtype.kind not in "iuf"):
+        if (dates := dated(table[column])) is not None:
+            return dates
+        stamps = table[column].to_numpy()
+        if stamps.dtype.kind not in "iuf" or len(stamps) < 2 or count_samples(stamps):
+            continue
+        check_order(stamps.astype(np.float64), name)
+        scale = TIME_UNITS[unit_of_time(stamps.astype(np.float64), unit_in_name(column), name)]
+        begin_s = scale * float(stamps[0])
+        if 1e9 < begin_s < 4e9:  # since 1970: 2001 to 2096
+            return scale * (stamps - stamps[0]), begin_s
+        return scale * stamps, None
+    return None, None

@@ -21,16 +21,14 @@ if TYPE_CHECKING:
 type Tree = dict[str, Any]
 """Nested dictionaries, as libraries for JSON, MATLAB and C3D files return them."""
 
-MOST_COLUMNS = 4096  # largest number of columns of a table
-LONGEST_NAME = 300  # [characters] longest name of a column
-LONGEST_LINE = 1_000_000  # [characters] longest line of a table
+LONGEST_NAME = 300
+"""[characters] Longest name of a column; chosen far above those of any system."""
+
+LONGEST_LINE = 1_000_000
+"""[characters] Longest line of a table; chosen far above that of any system."""
 
 MOST_BYTES = 4_000_000_000
 """[bytes] Largest content of a file, as its headers declare it: chosen, a day of seven sensors at 100 Hz has 2.9e9."""
-
-SMALL_BYTES, MOST_PACKED = 100_000_000, 50
-"""[bytes], [1] Content that any file may declare, and content over the size of a file from which on it is no recording:
-packed ones take a third to a tenth of their content."""
 
 BRANDS = {
     b"Device Identity": "is of a GENEActiv, which has no gyroscope: every method needs one",
@@ -66,8 +64,8 @@ def numbered(names: Sequence[str], notes: list[Note]) -> list[str]:
 
 def check_columns(names: Sequence[str], name: str) -> None:
     """Refuse, by a RecordingError, a table with more columns, or longer names of columns, than any recording has."""
-    if len(names) > MOST_COLUMNS:
-        raise RecordingError(f"{name} has {len(names)} columns; expected at most {MOST_COLUMNS}")
+    if len(names) > 4096:
+        raise RecordingError(f"{name} has {len(names)} columns; expected at most 4096")
     longest = max(map(len, names), default=0)
     if longest > LONGEST_NAME:
         raise RecordingError(f"{name} has a column name of {longest} characters; expected at most {LONGEST_NAME}")
@@ -75,9 +73,9 @@ def check_columns(names: Sequence[str], name: str) -> None:
 
 def check_size(declared: int, path: Path) -> None:
     """Refuse, by a RecordingError, content of more bytes than `MOST_BYTES`, or than a file of this size holds, as it
-    declares.
+    declares: any may declare 100 MB, and packed recordings take a third to a tenth of their content.
     """
-    most = min(MOST_BYTES, max(SMALL_BYTES, MOST_PACKED * path.stat().st_size))
+    most = min(MOST_BYTES, max(100_000_000, 50 * path.stat().st_size))
     if declared > most:
         raise RecordingError(f"{path.name} declares a content of {declared} bytes; expected at most {most}")
 
@@ -104,10 +102,15 @@ def check_file(path: Path, expected: str) -> None:
     check_size(path.stat().st_size, path)
 
 
+def first_bytes(file: Path) -> bytes:
+    """The first bytes of a file, by which its format is recognised."""
+    with file.open("rb") as stream:
+        return stream.read(4096)
+
+
 def check_brand(path: Path) -> None:
     """Refuse, by a RecordingError that names it, a file of a device that has no gyroscope."""
-    with path.open("rb") as stream:
-        head = stream.read(4096)
+    head = first_bytes(path)
     brand = next((words for begin, words in BRANDS.items() if begin in head[:200]), "")
     if brand and b"gyr" not in head.lower():
         raise RecordingError(f"{path.name} {brand}")

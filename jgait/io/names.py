@@ -39,8 +39,9 @@ NUMBERED = re.compile(r"(?P<signal>.*?[^\W\d_])[ _.-]*(?P<number>\d+)(?P<rest>\s
 """Pattern of a signal with the number of its axis, and perhaps its unit."""
 
 NOT_USED = "none"  # what a user states instead of a placement for a sensor that is to be left out
-LONG_UNITS = {"min": 60.0, "h": 3600.0}  # unit of time that only the name of a column states → s
-ALMOST = 0.8  # [1] least share of equal characters of a name that is taken for another one misspelt
+LONG_UNITS = {"min": 60.0, "h": 3600.0}
+"""Unit of time that only the name of a column states → s."""
+
 COUNTER = "packetcounter"  # name of a column that counts the samples, in lower case
 
 WORDS = {
@@ -271,7 +272,7 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
     spelt = {re.sub("[xyz](?=[^xyz]*$)", wanted[-1], given[index].lower()): wanted for wanted in lacking
              for column, index in position.items() if column[:-1] == wanted[:-1]}  # fmt: skip
     likely = spelt | {column: column for column in lacking or sorted(COLUMNS - {"time", "feet_range"})}
-    near = {column: difflib.get_close_matches(column.strip().lower(), likely, 1, ALMOST) for column in unknown}
+    near = {column: difflib.get_close_matches(column.strip().lower(), likely, 1, 0.8) for column in unknown}
     looks = [f"{column!r} looks like {likely[meant[0]]!r}" for column, meant in near.items() if meant][:3]
     hint = f"; {', '.join(looks)}: correct the header of the file" if looks else ""
     sensors = [parts[0] for column in unknown if (parts := sensor_of(column))]
@@ -280,7 +281,7 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
         expected = [f"{lacking[0][:-1]}{axis}" for axis in "xyz"]
         needs = "; a sensor needs its gyroscope" if len(lacking) == 3 and "_gyr_" in lacking[0] else ""
         return RecordingError(f"{name} lacks {', '.join(lacking)}{needs}{hint}; expected columns {expected}{rest}")
-    strange = [sensor for sensor in sensors if not difflib.get_close_matches(sensor.lower(), PLACEMENTS, 1, ALMOST)]
+    strange = [sensor for sensor in sensors if not difflib.get_close_matches(sensor.lower(), PLACEMENTS, 1, 0.8)]
     named = "; io.read and the commands place sensors by {argument}" if strange and not hint else ""
     return RecordingError(
         f"{name} has no column that is recognised as a sensor's: found {_few(given)}{hint}; columns are named "

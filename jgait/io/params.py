@@ -18,6 +18,7 @@ from jgait.params import Transform, positive, ranges, units
 from jgait.types import RecordingError
 
 FORMAT = 1
+"""Version of the files; one that changes what a file of parameters holds gets the next."""
 
 PRESETS = Path(__file__).parent / "presets"  # Folder of the parameters that come with jgait
 

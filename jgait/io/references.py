@@ -44,24 +44,11 @@ SAMPLES = ("distance_m", *(
 ))  # fmt: skip
 """Columns of a table of samples that are read, beside `time_s` and `valid`."""
 
-FARTHEST = 2.0  # [1] largest distance to a sample, in their median interval, at which the reference is valid
-AT_ENDS = 0.25  # [s] standing at both ends of a recording, where the distance is 0 and the whole distance
-SLOWEST_S = 0.5  # [s] longest median interval of the samples of a reference
-LONGEST_STRIDE, LONGEST_STRIDE_S, FASTEST = 4.0, 10.0, 12.0
-"""[m], [s], [m/s] A median stride above one of these, or a mean speed, is in another unit."""
+LEAST_WAY = 2.0
+"""[m] Way from which on knees and strides of a reference are compared with it; chosen by hand."""
 
-LEAST_KNEE_DEG, LEAST_WAY, LEAST_STRIDES = 5.0, 2.0, 4
-"""[°] Least range of a knee over a way [m], or so many strides: in radians it is 1."""
-
-OVERLAP = 0.4
-"""[1] Largest share of a stride in which the next one of the same foot may have begun. Strides of public references do
-not overlap, joined ones of `jgait.analyse` by 0.22 at most; a wrong side gives a half, a row that is there twice 1."""
-
-STEPS = 0.6
-"""[1] Ratio of the strides' lengths to the distance in the same time below which they are steps, whose ratio is 0.5. In
-public references with both it is 0.99 to 1.25."""
-
-MISSPELT_SIMILARITY = 0.85  # [1] similarity of a column's name and a known one above which it is misspelt
+LEAST_STRIDES = 4
+"""[1] Number of strides from which on they are; chosen by hand."""
 
 
 def reference_from_tables(
@@ -111,7 +98,8 @@ def reference_from_tables(
     _check_units(reference)
     if distance is None:
         return reference
-    start, end = at <= at[0] + AT_ENDS, at >= at[-1] - AT_ENDS
+    # the person stands for a quarter of a second at both ends, where the distance is 0 and the whole distance
+    start, end = at <= at[0] + 0.25, at >= at[-1] - 0.25
     return reference._replace(distance=np.where(start, 0.0, distance), valid=(start | end) & (start != end))
 
 
@@ -122,30 +110,31 @@ def _check_units(reference: Estimate) -> None:
         known = np.asarray(table.valid, bool)
         strides, length = int(known.sum()), float(np.median(as_float(table.length)[known]))
         lasts = float(np.median((as_float(table.end) - as_float(table.start))[known]))
-        if length > LONGEST_STRIDE:
+        if length > 4.0:
             raise RecordingError(f"column 'stride_length_m' is in metres; the median of the table is {length:.4g}")
-        if lasts > LONGEST_STRIDE_S:
+        if lasts > 10.0:
             raise RecordingError(
                 f"columns 'start_s' and 'end_s' are in seconds; a stride of the table lasts {lasts:.4g}"
             )
     if reference.distance is not None:
         time, distance = as_float(reference.time)[valid], as_float(reference.distance)[valid]
         way, seconds = float(np.ptp(distance)), max(float(np.ptp(as_float(reference.time))), 1e-9)
-        if way > FASTEST * seconds:
+        if way > 12.0 * seconds:
             raise RecordingError(f"column 'distance_m' is in metres; {way:.4g} m in {seconds:.4g} s is no walking")
         if table is not None:
             start, end = as_float(table.start), as_float(table.end)
             known = np.asarray(table.valid, bool) & (start >= time[0]) & (end <= time[-1])
             length = float(as_float(table.length)[known].sum())
             gained = float((np.interp(end, time, distance) - np.interp(start, time, distance))[known].sum())
-            if known.sum() >= LEAST_STRIDES and gained > LEAST_WAY and length < STEPS * gained:
+            # in public references lengths are 0.99 to 1.25 of the distance, those of steps a half
+            if known.sum() >= LEAST_STRIDES and gained > LEAST_WAY and length < 0.6 * gained:
                 raise RecordingError(
                     "column 'stride_length_m' is the way of a foot from a contact to its next one; lengths of the "
                     f"table are {length / gained:.2f} of 'distance_m' in the same time: they seem to be of steps"
                 )
     for side, leg in zip(SIDES, reference.legs, strict=True):
         bends = 180.0 if leg is None else float(np.ptp(np.rad2deg(as_float(leg.knee_angle)[valid])))
-        if (way > LEAST_WAY or strides >= LEAST_STRIDES) and bends < LEAST_KNEE_DEG:
+        if (way > LEAST_WAY or strides >= LEAST_STRIDES) and bends < 5.0:
             varies = f"it varies by {bends:.2g}, which in walking is the angle in radians"
             raise RecordingError(f"column 'knee_angle_{side}_deg' is in degrees; {varies}")
 
@@ -154,7 +143,7 @@ def _check_columns(table: "pd.DataFrame", known: Collection[str], needed: Collec
     """Raise if a column that is not known is nearly one that the table lacks, or a needed one is missing."""
     lacking = [name for name in known if name not in table]
     for column in map(str, table.columns):
-        if column not in known and (near := difflib.get_close_matches(column, lacking, 1, MISSPELT_SIMILARITY)):
+        if column not in known and (near := difflib.get_close_matches(column, lacking, 1, 0.85)):
             raise RecordingError(f"{what} has a column {column!r}, which is not read; did you mean {near[0]!r}?")
     if missing := [name for name in needed if name in lacking]:
         raise RecordingError(f"{what} needs a column {missing[0]!r}; it has {', '.join(map(repr, table.columns[:12]))}")
@@ -185,7 +174,8 @@ def strides_from_dataframe(table: "pd.DataFrame") -> Strides:
     for number, side in enumerate(SIDES):
         rows = np.flatnonzero(valid & (sides.to_numpy() == number))
         for first, then in itertools.pairwise(rows[np.argsort(start[rows], kind="stable")]):
-            if end[first] - start[then] > OVERLAP * min(end[first] - start[first], end[then] - start[then]):
+            # joined strides of an analysis overlap by 0.22 at most; a wrong side by a half, a row that is twice by 1
+            if end[first] - start[then] > 0.4 * min(end[first] - start[first], end[then] - start[then]):
                 spans = f"{start[first]:g} to {end[first]:g} s and {start[then]:g} to {end[then]:g} s"
                 why = "a row is twice in the table of strides, or has the wrong side"
                 raise RecordingError(f"strides of the {side} foot overlap, {spans}; {why}")
@@ -207,10 +197,10 @@ def _at(time: np.ndarray, samples: "pd.DataFrame") -> tuple[dict[str, np.ndarray
     given = _numbers(samples, "time_s")
     if len(given) < 2 or not np.all(np.diff(given) > 0.0):
         raise RecordingError("column 'time_s' of a reference must have two times or more, which increase")
-    if (step := float(np.median(np.diff(given)))) > SLOWEST_S:
+    if (step := float(np.median(np.diff(given)))) > 0.5:
         raise RecordingError(
-            f"column 'time_s' of a reference is in seconds, with {1.0 / SLOWEST_S:g} samples a second or more; its "
-            f"samples are {step:.4g} s apart; if the distance is known at the end alone, give distance= without samples"
+            f"column 'time_s' of a reference is in seconds, with 2 samples a second or more; its samples are "
+            f"{step:.4g} s apart; if the distance is known at the end alone, give distance= without samples"
         )
     columns = {name: _numbers(samples, name) for name in SAMPLES if name in samples}
     known = np.isfinite(list(columns.values())).all(axis=0) if columns else np.zeros(len(given), bool)
@@ -221,7 +211,7 @@ def _at(time: np.ndarray, samples: "pd.DataFrame") -> tuple[dict[str, np.ndarray
     there = given[known]
     after = np.minimum(np.searchsorted(there, time), len(there) - 1)
     apart = np.minimum(np.abs(time - there[after]), np.abs(time - there[np.maximum(after - 1, 0)]))
-    valid = apart <= FARTHEST * step
+    valid = apart <= 2.0 * step
     if not valid.any():
         ours, theirs = (f"{float(t[0]):g} to {float(t[-1]):g} s" for t in (time, given))
         raise RecordingError(f"the reference has samples from {theirs}, the recording from {ours}: no time in common")

@@ -24,7 +24,8 @@ strides: it hides no variability."""
 USABLE = {"stride_width": "width_valid", "step_length": "width_valid", **dict.fromkeys(OF_POSE, "angles_valid")}
 """Measure → the column that is False in strides in which it is not usable."""
 
-FEWEST_STEADY_STRIDES = 3  # [1] steady strides of a side of which a standard deviation is stated
+FEWEST_STEADY_STRIDES = 3
+"""[1] Steady strides of a side of which a standard deviation is stated: of two it says nothing. Chosen by hand."""
 
 HIDDEN = 2.0
 """[1] Stated error of a stride over the variability, above which the variability is not stated. Chosen so that lengths
@@ -105,6 +106,7 @@ def summary(
     known = table.get("side_known", pd.Series(True, table.index)).astype(bool)
     sided = bool(known.all())
     alike = enough and sided and len({frozenset(of["source"]) for _, of in table.groupby("side")}) == 1
+    two_sources = table.groupby("side")["source"].agg(lambda names: names.mode().iloc[0]).nunique() == len(SIDES)
     columns, every = _measures(table, strides), _measures(strides[regular], strides)
     rows = []
     for column in MEASURES:
@@ -116,13 +118,19 @@ def summary(
             rows.append({"measure": name, "unit": unit, "n_strides": 0, "steady": False, "median": median})
             continue
         errors = table.get(column.deviation, pd.Series(np.nan, table.index))[values.index].dropna()
-        if sided and (coarse := _coarse(errors, table)):
-            values = values[table.loc[values.index, "side"] != coarse]
+        each = errors.groupby(table.loc[errors.index, "side"]).median()
+        if sided and two_sources and len(each) == len(SIDES) and each.max() > 3.0 * each.min():
+            # another source, as the waist beside one shoe, measures this side far worse
+            values = values[table.loc[values.index, "side"] != each.idxmax()]
             errors = errors[errors.index.isin(values.index)]
         by_side = [values[(table.loc[values.index, "side"] == side) & known[values.index]] for side in SIDES]
         groups = [side_values for side_values in by_side if len(side_values)] if sided else [values]
         mean = float(np.mean([group.mean() for group in groups]))
-        variances = [v for group in groups if np.isfinite(v := _variance(group, strides["bout"]))]
+        variances = []  # of each side, about the means of its bouts
+        for group in groups:
+            of_bout = group.groupby(strides["bout"][group.index])
+            if (freedom := len(group) - of_bout.ngroups) >= FEWEST_STEADY_STRIDES - 1:
+                variances.append(float(((group - of_bout.transform("mean")) ** 2).sum()) / freedom)
         error = float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else np.nan
         std = float(np.sqrt(np.mean(variances))) if variances and enough else np.nan
         std = np.nan if error > HIDDEN * std and name not in OF_POSE else std
@@ -132,7 +140,14 @@ def summary(
         )
         if clocks_apart and name == "step_duration":  # their mean holds: it is half a stride
             right, left = np.nan, np.nan
-        unsure = _side_error(name, error, table) if alike and np.isfinite(right - left) else np.nan
+        unsure = np.nan  # standard deviation of the difference of both sides' means
+        if alike and np.isfinite(right - left) and name == "stride_length":
+            unsure = np.sqrt(2.0) * error
+        elif alike and np.isfinite(right - left) and name == "step_duration":
+            # what one side's contacts are late, its steps are longer and the other's shorter
+            unsure = 2.0 * np.sqrt(2.0) * CONTACT_S
+        elif alike and np.isfinite(right - left) and name == "stance":
+            unsure = 200.0 * CONTACT_S / float(table["stride_duration_s"].mean())
         rows.append({
             "measure": name, "unit": unit, "n_strides": len(values), "steady": enough, "median": median, "mean": mean,
             "std": std, "cv_pct": np.nan if unit == "deg" else 100.0 * std / mean, "error_std": error,
@@ -166,17 +181,6 @@ def _measures(table: "pd.DataFrame", strides: "pd.DataFrame") -> "dict[str, pd.S
     }  # fmt: skip
 
 
-def _coarse(errors: "pd.Series", table: "pd.DataFrame") -> str | None:
-    """The side of which another source, as the waist beside one shoe, measures strides with three times the error of
-    the other side's, or None.
-    """
-    each = errors.groupby(table.loc[errors.index, "side"]).median()
-    source = table.groupby("side")["source"].agg(lambda names: names.mode().iloc[0])
-    if len(each) < len(SIDES) or source.nunique() < len(SIDES) or not each.max() > 3.0 * each.min():
-        return None
-    return str(each.idxmax())
-
-
 def _beside_regular(strides: "pd.DataFrame") -> "pd.Series":
     """Which strides begin and end where regular strides of the same side end and begin, within 0.2 s."""
     import pandas as pd
@@ -203,17 +207,6 @@ def _at_pace(strides: "pd.DataFrame") -> "pd.Series":
     return at_pace
 
 
-def _variance(values: "pd.Series", bouts: "pd.Series") -> float:
-    """Variance of a side's values about the means of their bouts; NaN of too few values."""
-    of_bout = values.groupby(bouts[values.index])
-    freedom = len(values) - of_bout.ngroups
-    return (
-        float(((values - of_bout.transform("mean")) ** 2).sum()) / freedom
-        if freedom >= FEWEST_STEADY_STRIDES - 1
-        else np.nan
-    )
-
-
 def _at_the_same_time(strides: "pd.DataFrame") -> "pd.Index":
     """The strides that share time with one of the other side."""
     shares = np.zeros(len(strides), bool)
@@ -224,15 +217,6 @@ def _at_the_same_time(strides: "pd.DataFrame") -> "pd.Index":
         before = np.searchsorted(other["begins"].to_numpy(float), strides.loc[mine, "ends"].to_numpy(float))
         shares[mine] = until[before] > strides.loc[mine, "begins"].to_numpy(float)
     return strides.index[shares]
-
-
-def _side_error(name: str, error: float, table: "pd.DataFrame") -> float:
-    """Standard deviation of the difference of both sides' means; NaN where it is not known."""
-    if name == "stride_length":
-        return float(np.sqrt(2.0) * error)
-    if name == "step_duration":  # what one side's contacts are late, its steps are longer and the other's shorter
-        return 2.0 * np.sqrt(2.0) * CONTACT_S
-    return 200.0 * CONTACT_S / float(table["stride_duration_s"].mean()) if name == "stance" else np.nan
 
 
 def _step_durations(table: "pd.DataFrame", strides: "pd.DataFrame") -> "pd.Series | None":

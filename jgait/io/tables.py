@@ -26,7 +26,7 @@ from jgait.io.names import (
     unit_in_name,
 )
 from jgait.io.part import Measured, Part
-from jgait.io.settle import settle
+from jgait.io.recording import settle
 from jgait.io.text import read_table
 from jgait.io.units import unit_of_columns
 from jgait.notes import BY_NAME, DATA_LOST, LEFT_OUT, Kind, Note

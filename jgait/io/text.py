@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SEPARATORS = (",", ";", "\t")
-HEADER_WITHIN = 60  # [lines] number of first lines that are searched for a header
+HEADER_WITHIN = 60
+"""[lines] Number of first lines that are searched for a header; chosen by hand, exports have up to 30 above it."""
+
 TIMES = ("s", "sec", "ms", "us", "µs", "min", "h")  # units of time in a row of units
 
 

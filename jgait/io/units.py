@@ -13,7 +13,8 @@ from jgait.types import RecordingError
 GYR_UNITS = {"deg/s": np.pi / 180.0, "rad/s": 1.0, "mdeg/s": np.pi / 180e3, "mrad/s": 1e-3}
 """Unit of an angular rate → rad/s."""
 
-ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}  # unit of a specific force → m/s²
+ACC_UNITS = {"m/s^2": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
+"""Unit of a specific force → m/s²."""
 
 SPELT = {
     "deg/s": ("°/s", "o/s", "°s-1", "d/s", "dps", "degps", "degs", "degs-1", "grad/s"),
@@ -77,11 +78,6 @@ def unit_scale(unit: str, units: Mapping[str, float], argument: str) -> float:
             f"{{argument}} must be one of {', '.join(map(repr, units))}; got {unit!r}", argument=argument
         )
     return units[known]
-
-
-def unit_of_gravity(reading: float, limits: tuple[float, float]) -> str:
-    """The unit in which a reading of an accelerometer is gravity, within limits [g]; "" for none."""
-    return next((name for name, scale in ACC_UNITS.items() if limits[0] <= reading * scale / GRAVITY <= limits[1]), "")
 
 
 def unit_of_columns(columns: Sequence[str], kind: str, name: str) -> str | None:

@@ -13,8 +13,7 @@ import typer
 
 from jgait import datasets
 from jgait.commands import datasets as command
-from jgait.datasets import registry
-from jgait.datasets.walks import Failure, Walks, load_each
+from jgait.datasets import Failure, Walks, load_each, registry
 
 GOOD = b"upstream's bytes\n"
 

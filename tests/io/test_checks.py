@@ -10,7 +10,7 @@ import pytest
 from experiments.damage import harm
 from jgait import io, simulate
 from jgait.estimators.combined import crosscheck
-from jgait.io.checks import contradictions, order, readings
+from jgait.io.checks import contradictions, readings, walking
 from jgait.quality import SOUND
 from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import SIDES, Imu
@@ -222,7 +222,7 @@ def test_an_unusual_gait_is_no_damage(gait):
     person = UNUSUAL[gait](key, simulate.person_of(simulate.population(who, 6, recorded=False), 0))
     along = simulate.straight(20.0)
     recording, _ = simulate.recording(key, simulate.covering(key, person, along), along, MPU6000)
-    notes = contradictions(recording).notes
+    notes = contradictions(recording)[1]
     assert "clocks_apart" not in codes(notes) and not any("tilt by up to" in note.text for note in notes)
 
 
@@ -235,7 +235,7 @@ def test_a_sensor_that_is_taken_off_and_lies_still_is_not_wrong(turning):
     gyr, acc = np.array(imu.gyr), np.array(imu.acc)
     gyr[at:], acc[at:] = 0.003 * noise[0], [0.1, 0.2, 9.8] + 0.03 * noise[1]
     off = two._replace(sensors={**two.sensors, "foot_left": imu._replace(gyr=gyr, acc=acc)})
-    assert not codes(contradictions(off).notes) & {"one_turns_apart", "sensor_contradicts"}
+    assert not codes(contradictions(off)[1]) & {"one_turns_apart", "sensor_contradicts"}
 
 
 def test_rows_are_lost_of_all_sensors_or_of_none(rows):
@@ -254,8 +254,8 @@ def test_rows_are_lost_of_all_sensors_or_of_none(rows):
 
     fewer = np.flatnonzero(np.arange(4000) % 4 != 3)
     both = {"foot_right": sensor(0.0, fewer), "foot_left": sensor(np.pi, fewer)}
-    assert codes(order.rows_wrong(both, 100.0)[1]) == {"rows_wrong"}
-    assert order.rows_wrong({**both, "foot_left": sensor(np.pi, np.arange(len(fewer)))}, 100.0) == (SOUND, [])
+    assert codes(walking.rows_wrong(both, 100.0)[1]) == {"rows_wrong"}
+    assert walking.rows_wrong({**both, "foot_left": sensor(np.pi, np.arange(len(fewer)))}, 100.0) == (SOUND, [])
     at = np.flatnonzero(np.random.default_rng(2).random(len(rows.time)) < 0.02)[1:]
     held = {p: {kind: v.copy() for kind, v in each.items()} for p, each in rows.sensors.items()}
     for values in (values for each in held.values() for values in each.values()):

@@ -1,11 +1,16 @@
-"""Range, stuck and clipped readings of one sensor: what it cannot have measured is masked, with a note."""
+"""Range, stuck and clipped readings of one sensor: what it cannot have measured is masked, with a note.
+
+Limits without another word were chosen outside of what undamaged recordings, public and simulated, reach; a number in
+parentheses is what they reach.
+"""
 
 import itertools
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from jgait.io.checks import limits as at
+from jgait.geometry.vectors import GRAVITY
 from jgait.notes import CLIPPING, LOSSES, NO_RANGE, Kind, Note
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, RangeReadings, as_float
@@ -37,7 +42,39 @@ CHANNEL_CLIPPED = Kind(
     counts=True,
 )  # fmt: skip
 RANGE_LOST = Kind("range_lost", "check", "", NO_RANGE)  # a range between the feet that was not measured
-SIGNALS = {"gyr": ("gyroscope", "rad/s"), "acc": ("accelerometer", "m/s²")}
+
+
+class SignalLimits(NamedTuple):
+    """A kind of signal, and limits of its readings in its unit."""
+
+    words: str  #: name of the sensor.
+    unit: str
+    largest: float  #: largest reading of any wearable sensor: gyroscopes end at 4000 deg/s, accelerometers at 400 g.
+    placeholder: float  #: least size of a number that stands for a missing one: 999 mg and 999 mdeg/s are readings.
+    #: least distance of a spike from the median of five samples, at the foot (14.4, 162) and elsewhere (4.7, 49).
+    spike: tuple[float, float]
+    change: float  #: least change at an end of a time in which a sensor is stuck, or it may rest; chosen by hand.
+    clipped: float  #: smallest size of a clipped reading; chosen by hand.
+    ranges: tuple[float, ...]  #: ranges of common sensors, by their data sheets.
+
+
+SIGNALS = {
+    "gyr": SignalLimits("gyroscope", "rad/s", 100.0, 10.0, (24.0, 10.0), 0.1, 1.0, tuple(
+        np.deg2rad([125.0, 245.0, 250.0, 300.0, 400.0, 450.0, 500.0, 900.0, 1000.0, 1200.0, 2000.0]))),
+    "acc": SignalLimits("accelerometer", "m/s²", 4000.0, 50.0, (60.0, 90.0), 1.0, 1.5 * GRAVITY, tuple(
+        GRAVITY * np.array([2.0, 4.0, 6.0, 8.0, 16.0]))),
+}  # fmt: skip
+"""Kind of signal → its name, unit and limits."""
+
+PLACEHOLDERS = (-999.0, 999.0, -9999.0, 9999.0, -99999.0, 99999.0)
+"""Numbers that programs write for a missing value, in the unit of the file."""
+
+TURNING = 0.3
+"""[rad/s] Mean rate with which an accelerometer cannot repeat its reading; chosen by hand."""
+
+COARSE = 0.04 * GRAVITY
+"""[m/s²] Step of an accelerometer from which on its readings repeat at rest and results change; in steps of 0.03 g,
+distances are within 0.5 %, of 0.05 g within 4 %."""
 
 
 def without_damage(
@@ -57,7 +94,7 @@ def without_damage(
         for kind, values in signals.items():
             wrapped += _unwrap(placement, kind, values)
             spikes, jumps = _spikes(placement, kind, values, signals["gyr"], rate_hz)
-            stuck = {f"the {SIGNALS[kind][0]}": _stuck(kind, values, signals["gyr"], rate_hz)}
+            stuck = {f"the {SIGNALS[kind].words}": _stuck(kind, values, signals["gyr"], rate_hz)}
             stuck |= {f"{kind}_{'xyz'[axis]}": _axis_stuck(kind, values, axis, rate_hz) for axis in range(3)}
             slower = _repeats(kind, values, signals["gyr"], held, rate_hz)
             values[spikes] = np.nan
@@ -83,10 +120,10 @@ def _impossible(signals: dict[str, np.ndarray], rate: float) -> list[str]:
     """Mask samples beyond the range of any sensor, if they are few; what is masked, in words, as of all that follow."""
     sentences = []
     for kind, values in signals.items():
-        wrong = (np.abs(values) > at.READINGS[kind]).any(axis=1)
-        if 0 < wrong.sum() <= max(at.MOST_IMPOSSIBLE * len(values), 1):
+        wrong = (np.abs(values) > SIGNALS[kind].largest).any(axis=1)
+        if 0 < wrong.sum() <= max(0.01 * len(values), 1):  # with more, the unit is wrong
             first = int(np.argmax(wrong))
-            worst, unit = values[first][np.argmax(np.abs(values[first]))], SIGNALS[kind][1]
+            worst, unit = values[first][np.argmax(np.abs(values[first]))], SIGNALS[kind].unit
             where = f"{wrong.sum()}, {worst:.4g} {unit} at {first / rate:.2f} s"
             sentences.append(f"values that no sensor reads: {where}; masked")
             values[wrong] = np.nan
@@ -100,9 +137,9 @@ def placeholders_in(values: np.ndarray) -> tuple[float, ...]:
     sizes, first, counts = np.unique(np.abs(values[np.isfinite(values)]), return_index=True, return_counts=True)
     if not len(sizes) or sizes[-1] < 998.0:
         return ()
-    if len(sizes) > 1 and counts[-1] > 1 and sizes[-1] > at.ALONE * sizes[-2]:
-        return (*at.PLACEHOLDERS, float(values[np.isfinite(values)][first[-1]]))
-    return at.PLACEHOLDERS
+    if len(sizes) > 1 and counts[-1] > 1 and sizes[-1] > 4.0 * sizes[-2]:
+        return (*PLACEHOLDERS, float(values[np.isfinite(values)][first[-1]]))
+    return PLACEHOLDERS
 
 
 def _placeholders(signals: dict[str, np.ndarray], scales: dict[str, float], rate: float) -> list[str]:
@@ -115,9 +152,9 @@ def _placeholders(signals: dict[str, np.ndarray], scales: dict[str, float], rate
             # one axis may read such a number while it passes by; then its neighbours are near
             jump = np.abs(np.diff(values, axis=0, prepend=values[:1])) > 0.5 * abs(number) * scales[kind]
             wrong = same.all(axis=1) | (same & jump).any(axis=1)
-            if wrong.any() and abs(number) * scales[kind] >= at.LEAST_PLACEHOLDER[kind]:
+            if wrong.any() and abs(number) * scales[kind] >= SIGNALS[kind].placeholder:
                 masks[number] = masks.get(number, False) | wrong
-    if "acc" in signals and zero.any() and zero.mean() < at.MOST_ZEROS:
+    if "acc" in signals and zero.any() and zero.mean() < 0.5:  # with more, they are written on purpose
         masks[0.0] = zero
     for wrong, values in itertools.product(masks.values(), signals.values()):
         values[wrong] = np.nan
@@ -132,7 +169,7 @@ def _spikes(
     placement: str, kind: str, values: np.ndarray, gyr: np.ndarray, rate: float
 ) -> tuple[np.ndarray, list[str]]:
     """(T,) bool, one or two samples far away from the median around them, where the signal is calm otherwise."""
-    least = at.SPIKE[kind][not placement.startswith("foot")]
+    least = SIGNALS[kind].spike[not placement.startswith("foot")]
     spikes, size, change = np.zeros(len(values), bool), 0.0, np.diff(values, axis=0)
     if not np.nanmax(np.abs(change), initial=0.0) > least:
         return spikes, []
@@ -141,15 +178,16 @@ def _spikes(
     odd = away > least
     # steps to and from odd samples do not count
     steps = np.where(odd[1:] | odd[:-1] | ~np.isfinite(change), 0.0, np.abs(change))
-    near = at.AROUND // 2
     for row, axis in np.argwhere(odd):
-        around = steps[max(row - at.AROUND, 0) : row + at.AROUND, axis]
-        turns = np.abs(np.diff(gyr[max(row - near, 0) : row + near + 1], axis=0))
-        struck = kind == "acc" and (np.isnan(turns).all() or np.nanmax(turns) >= at.IMPACT * away[row, axis])
-        if not struck and away[row, axis] > at.CALM_AROUND * around.max(initial=1e-9):
+        around = steps[max(row - 6, 0) : row + 6, axis]
+        turns = np.abs(np.diff(gyr[max(row - 3, 0) : row + 4], axis=0))
+        # an impact of 1 m/s² turns the sensor as well, by a change of its rate of 0.02 rad/s at least
+        struck = kind == "acc" and (np.isnan(turns).all() or np.nanmax(turns) >= 0.01 * away[row, axis])
+        if not struck and away[row, axis] > 2.5 * around.max(initial=1e-9):
             spikes[row], size = True, max(size, float(away[row, axis]))
-    signal, unit = SIGNALS[kind]
-    what = f"samples of the {signal} that jump from their neighbours by up to {size:.4g} {unit}: {spikes.sum()}"
+    signal = SIGNALS[kind]
+    by = f"{size:.4g} {signal.unit}: {spikes.sum()}"
+    what = f"samples of the {signal.words} that jump from their neighbours by up to {by}"
     return spikes, [f"{what}, first at {np.argmax(spikes) / rate:.2f} s; masked"] if spikes.any() else []
 
 
@@ -158,27 +196,30 @@ def _unwrap(placement: str, kind: str, values: np.ndarray) -> list[Note]:
     notes = []
     for axis, column in enumerate(values.T):
         extent = np.nanmax(np.abs(column), initial=0.0)
-        edges = [limit for limit in at.RANGES[kind] if extent <= 1.001 * limit]
+        edges = [limit for limit in SIGNALS[kind].ranges if extent <= 1.001 * limit]
         size = np.abs(np.diff(column))
-        if not edges or not np.nanmax(size, initial=0.0) > at.WRAP_STEP * extent:
+        if not edges or not np.nanmax(size, initial=0.0) > 1.6 * extent:
             continue
         limit, low, high = float(edges[0]), np.nanmin(column), np.nanmax(column)
-        jumps = int(np.sum((size > at.WRAP_STEP * limit) & (size < 0.9999 * (high - low))))
+        jumps = int(np.sum((size > 1.6 * limit) & (size < 0.9999 * (high - low))))
         clips = np.sum((column == low) | (column == high)) >= jumps
-        if jumps >= at.WRAPS and min(high, -low) >= at.WRAP_EDGE * limit and not clips:
+        if jumps >= 4 and min(high, -low) >= 0.97 * limit and not clips:
             channel = f"{placement} {kind}_{'xyz'[axis]}"
             known = np.isfinite(column)
             whole = np.unwrap(column[known], period=2.0 * limit)
-            if mended := np.mean(np.abs(whole - column[known]) > limit) < at.MOST_WRAPPED:
+            # more of the time is no swing
+            if mended := np.mean(np.abs(whole - column[known]) > limit) < 0.3:
                 values[known, axis] = whole
-            about = {"channel": channel, "times": jumps, "value": limit, "unit": SIGNALS[kind][1]}
+            about = {"channel": channel, "times": jumps, "value": limit, "unit": SIGNALS[kind].unit}
             notes.append(UNWRAPPED(**about) if mended else WRAPPED(**about))
     return notes
 
 
 def _long_runs(same: np.ndarray, rate: float) -> list[tuple[int, int]]:
-    """The stretches of True that are too long for a sensor that works."""
-    least = max(at.FROZEN_RUN, at.FROZEN_S * rate)
+    """The stretches of True that are too long for a sensor that works: gyroscopes repeat a reading in 4 samples, coarse
+    accelerometers that do not turn in 22.
+    """
+    least = max(8, 0.05 * rate)
     return [(start, end) for start, end in true_runs(same) if end - start >= least]
 
 
@@ -193,15 +234,15 @@ def _stuck(kind: str, values: np.ndarray, gyr: np.ndarray, rate: float) -> list[
     resolution = np.min(steps, axis=0, where=steps > 0.0, initial=np.inf)
     low, high = np.nanmin(values, axis=0), np.nanmax(values, axis=0)
     others = max((e - s for s, e in true_runs(same) if e < len(same)), default=1)
-    stuck = []
+    stuck, least = [], SIGNALS[kind].change
     for start, end in runs:
         reading, rates = values[start], np.abs(gyr[start : end + 1])
-        clipped = (((reading == low) | (reading == high)) & (np.abs(reading) > at.FROZEN_CHANGE[kind])).any()
-        turns = kind == "gyr" or np.isnan(rates).all() or np.nanmean(rates) >= at.TURNING
+        clipped = (((reading == low) | (reading == high)) & (np.abs(reading) > least)).any()
+        turns = kind == "gyr" or np.isnan(rates).all() or np.nanmean(rates) >= TURNING
         ends = [steps[k] for k in (start - 1, end) if 0 <= k < len(steps)]
-        jumps = any(((e > at.FROZEN_STEPS * resolution) & (e > at.FROZEN_CHANGE[kind])).any() for e in ends)
-        late = end == len(same) and start >= at.STOPPED_S * rate
-        long = end - start >= max(at.STOPPED_S * rate, at.STOPPED * others)
+        jumps = any(((e > 10.0 * resolution) & (e > least)).any() for e in ends)
+        late = end == len(same) and start >= rate
+        long = end - start >= max(rate, 10.0 * others)  # a second, and far longer than at rest
         # a coarse accelerometer repeats its reading in standing
         rests = kind == "acc" and np.nansum(np.abs(np.diff(gyr[start : end + 1], axis=0))) > 0.0
         if (turns and jumps and not clipped) or (late and long and not rests):
@@ -223,10 +264,10 @@ def _axis_stuck(kind: str, values: np.ndarray, axis: int, rate: float) -> list[t
     limits = (np.nanmin(column), np.nanmax(column))
     return [
         (start, end) for start, end in runs
-        if (end - start) * chance < np.log(at.BY_CHANCE)
+        if (end - start) * chance < np.log(1e-24)  # if repeats were independent; 1e-19 in steps of 0.1 g
         and all(start <= s < end for s, _ in rests)
-        and np.nanmean(change[start:end]) > at.AS_ELSEWHERE * np.nanmean(change)
-        and not (column[start] in limits and abs(column[start]) > at.FROZEN_CHANGE[kind])
+        and np.nanmean(change[start:end]) > 0.25 * np.nanmean(change)
+        and not (column[start] in limits and abs(column[start]) > SIGNALS[kind].change)
     ]  # fmt: skip
 
 
@@ -237,23 +278,24 @@ def _repeats(
     sensor does.
     """
     same = ~np.diff(values, axis=0).any(axis=1)
-    turns = np.linalg.norm(gyr[1:], axis=1) > at.TURNING if kind == "acc" else np.ones(len(same), bool)
+    turns = np.linalg.norm(gyr[1:], axis=1) > TURNING if kind == "acc" else np.ones(len(same), bool)
     for start, end in _long_runs(same, rate):
         same[start:end] = False
     share = float(np.sum(same & turns) / max(np.sum(turns), 1))
-    slower = share > at.REPEATS or np.mean(same & held) > at.HELD
+    slower = share > 0.4 or np.mean(same & held) > 0.12  # (0.04)
     return (1 + np.flatnonzero(same), share) if slower else None
 
 
 def _between_new(kind: str, values: np.ndarray, again: np.ndarray, share: float, rate: float) -> list[str]:
     """Replace repeated readings by straight lines between the new ones, or mask them if these are too rare."""
     new = np.setdiff1d(np.flatnonzero(np.isfinite(values).all(axis=1)), again)
-    dense = new.size > 0 and rate * (1.0 - share) >= 0.99 * at.LEAST_HZ  # a clock is a little off its nominal rate
+    # below 45 Hz of new readings steps come out wrong; a clock is a little off its nominal rate
+    dense = new.size > 0 and rate * (1.0 - share) >= 0.99 * 45.0
     values[again] = np.stack([np.interp(again, new, column[new]) for column in values.T], axis=1) if dense else np.nan
     taken = "straight lines are taken between new readings" if dense else "masked, since new ones are too rare"
     return [
-        f"{100.0 * share:.0f} % of the readings of the {SIGNALS[kind][0]} repeat the one before: the sensor is slower "
-        f"than the file states; {taken}"
+        f"{100.0 * share:.0f} % of the readings of the {SIGNALS[kind].words} repeat the one before: the sensor is "
+        f"slower than the file states; {taken}"
     ]
 
 
@@ -261,20 +303,20 @@ def channel_notes(placement: str, imu: Imu) -> list[Note]:
     """Notes about constant and clipped channels of a sensor, and about a coarse accelerometer."""
     mask, notes = np.asarray(imu.mask, bool), []
     step = 0.0 if imu.acc is None else finest_step(np.asarray(imu.acc)[mask])
-    if step >= at.COARSE:
+    if step >= COARSE:
         notes.append(ACCELEROMETER_COARSE(placement=placement, step=step))
     signals = {"gyr": imu.gyr} | ({} if imu.acc is None else {"acc": imu.acc}) if mask.any() else {}
     channels = [
         (kind, axis, as_float(signal)[:, k]) for kind, signal in signals.items() for k, axis in enumerate("xyz")
     ]
     for kind, axis, values in channels:
-        there, channel, unit = values[mask], f"{kind}_{axis}", SIGNALS[kind][1]
+        there, channel, unit = values[mask], f"{kind}_{axis}", SIGNALS[kind].unit
         if np.ptp(there) == 0.0:
             notes.append(CHANNEL_CONSTANT(channel=f"{placement} {channel}", value=there[0], unit=unit))
             continue
         coarse = finest_step(there) if kind == "acc" else 0.0
         clips = {abs(float(limit)): n for limit in (there.max(), there.min())
-                 if abs(limit) >= at.CLIP_FLOOR[kind] and (n := _clipped(values, mask, limit, coarse))}  # fmt: skip
+                 if abs(limit) >= SIGNALS[kind].clipped and (n := _clipped(values, mask, limit, coarse))}  # fmt: skip
         if clips:
             about = {"channel": channel, "value": max(clips), "unit": unit, "samples": sum(clips.values())}
             notes.append(CHANNEL_CLIPPED(placement=placement, **about))
@@ -283,10 +325,10 @@ def channel_notes(placement: str, imu: Imu) -> list[Note]:
 
 def _clipped(values: np.ndarray, mask: np.ndarray, limit: float, step: float) -> int:
     """Number of samples of a channel that stay at its extreme value; its readings are `step` apart."""
-    runs = [(s, e) for s, e in true_runs(mask & (np.abs(values - limit) <= 1e-6 * abs(limit))) if e - s >= at.CLIP_RUN]
-    if step >= at.COARSE:
+    runs = [(s, e) for s, e in true_runs(mask & (np.abs(values - limit) <= 1e-6 * abs(limit))) if e - s >= 3]
+    if step >= COARSE:
         change = np.abs(np.diff(values, prepend=values[:1], append=values[-1:]))
-        runs = [run for run in runs if change[list(run)].max() > at.CLIP_EDGE * step]
+        runs = [run for run in runs if change[list(run)].max() > 5.0 * step]
     return sum(end - start for start, end in runs)
 
 
@@ -300,9 +342,9 @@ def without_repeats(read: RangeReadings, imus: Mapping[str, Imu]) -> tuple[Range
     time, mask, runs = as_float(read.time), np.array(read.mask, bool), []
     for run in np.split(rows, np.flatnonzero(np.diff(read.distance[rows]) != 0.0) + 1):
         lasts, gapless = time[run[-1]] - time[run[0]], run[-1] - run[0] == run.size - 1
-        stuck = lasts >= at.STUCK_RANGE_S and run.size >= at.FEWEST_READINGS
-        held = gapless and lasts > at.HELD_RANGE_S
-        if (stuck or held) and np.mean(rate[run[0] : run[-1] + 1]) > at.FEET_MOVE:
+        stuck = lasts >= 5.0 and run.size >= 10
+        held = gapless and lasts > 0.3
+        if (stuck or held) and np.mean(rate[run[0] : run[-1] + 1]) > 1.0:  # [rad/s] the faster foot moves
             mask[run if stuck else run[1:]] = False
             runs.append(run)
     if not runs:

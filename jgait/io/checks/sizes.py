@@ -8,22 +8,22 @@ import numpy as np
 from jgait.estimators.checks import FASTEST, busy, fast_rate
 from jgait.geometry.vectors import GRAVITY
 from jgait.io.checks.readings import SIGNALS
-from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units, unit_of_gravity
+from jgait.io.units import ACC_UNITS, GYR_UNITS, Unit, Units
 from jgait.notes import Kind
 from jgait.quality import SensorQuality
 from jgait.types import SIDES, AnyArray, Imu, RecordingError, as_float
 
-IN_RADIANS = 12.0  # [unit of the file] fast rate below which it is in rad/s; in deg/s a walking limb has more
-USUAL_RATE = 6.0  # [rad/s] usual fast rate of a leg, between shank and foot
-SLOWEST_WALK = 0.3  # [rad/s] smallest fast rate of a moving person; the trunk of a slow walker turns faster
-MOVING_ACC = 0.5  # [m/s²] standard deviation of |acc| above which the person moves; 0.05 when standing
-GRAVITY_RANGE = (0.8, 1.2)  # [g] specific force of a worn accelerometer where it is calm
-CALM_S, CALM_SHARE = 0.2, 0.2  # [s], [1] length of the windows that are compared, and share of the calmest of them
-STEADY = 0.5  # [1] share of the mean force that keeps its direction; of acceleration without gravity it is small
-PIECES, PIECE = 16, 256  # [1], [samples] most pieces in which it does, and their least length: some strides
-COUNTS, LARGE_COUNT = 8, 10.0  # [1] fewest different numbers of raw counts, and least size of the largest
+IN_RADIANS = 12.0
+"""[rad/s] 99th percentile of the rate of a walking limb; in deg/s it has more. Chosen by hand."""
+
+SLOWEST_WALK = 0.3
+"""[rad/s] Smallest 99th percentile of a moving person's rates; the trunk of a slow walker turns faster."""
+
 RANGE_UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-FEET_APART = (0.02, 1.5)  # [m] median distance of one leg from the other where a range between them is measured
+"""Unit of a range between the feet → m."""
+
+FEET_APART = (0.02, 1.5)
+"""[m] Median distance of one leg from the other where a range between them is measured; chosen by hand."""
 
 
 class Sizes(NamedTuple):
@@ -38,7 +38,7 @@ class Sizes(NamedTuple):
 
 BY_SIZE = {
     "gyr": Sizes("angular rate", "99th percentile", 99.0,
-                 {"rad/s": (1.0, 12.0), "deg/s": (30.0, 2e3), "mrad/s": (2e3, 1.2e4), "mdeg/s": (3.5e4, np.inf)}),
+                 {"rad/s": (1.0, IN_RADIANS), "deg/s": (30.0, 2e3), "mrad/s": (2e3, 1.2e4), "mdeg/s": (3.5e4, np.inf)}),
     "acc": Sizes("acceleration", "median", 50.0,
                  {unit: (0.6 * GRAVITY / scale, 2.0 * GRAVITY / scale) for unit, scale in ACC_UNITS.items()},
                  "find the raw signal if gravity was removed, or "),
@@ -126,7 +126,7 @@ def _fault(placement: str, imu: Imu, units: Mapping[str, Unit]) -> _Fault | None
         )  # fmt: skip
     if imu.acc is None:
         return None
-    (low, high), unit = (bound * GRAVITY for bound in GRAVITY_RANGE), units["acc"]
+    (low, high), unit = (0.8 * GRAVITY, 1.2 * GRAVITY), units["acc"]
     acc = as_float(imu.acc)[np.asarray(imu.mask)]
     force = float(np.median(np.linalg.norm(acc, axis=1)))
     # a trunk that never rests is calm in mid stance, where it feels less than gravity; its median is near it
@@ -137,7 +137,8 @@ def _fault(placement: str, imu: Imu, units: Mapping[str, Unit]) -> _Fault | None
     steady = measures_gravity(as_float(imu.acc))
     return _Fault(
         "accelerometer", f"reads {force:.4g} m/s² where it is calm ({unit}), but gravity alone is {GRAVITY:.4g} m/s²",
-        unit_of_gravity(force / ACC_UNITS[unit.name], GRAVITY_RANGE) if steady else "",
+        next((name for name, scale in ACC_UNITS.items() if low <= force / ACC_UNITS[unit.name] * scale <= high), "")
+        if steady else "",
         ": check the unit" if steady else NO_GRAVITY,
     )  # fmt: skip
 
@@ -145,7 +146,8 @@ def _fault(placement: str, imu: Imu, units: Mapping[str, Unit]) -> _Fault | None
 def _rate_meant(rate: float, unit: Unit) -> str:
     """The unit in which an impossible rate [rad/s] is one of walking, the most usual of them; "" for none."""
     rates = {name: scale * rate / GYR_UNITS[unit.name] for name, scale in GYR_UNITS.items()}
-    apart = {name: abs(np.log(each / USUAL_RATE)) for name, each in rates.items() if SLOWEST_WALK < each < FASTEST}
+    # legs have 6 rad/s, between shank and foot
+    apart = {name: abs(np.log(each / 6.0)) for name, each in rates.items() if SLOWEST_WALK < each < FASTEST}
     return min(apart, key=lambda name: apart[name], default="")
 
 
@@ -157,7 +159,7 @@ def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
     if unit.name == "rad/s" or unit.origin not in ("argument", "header", "names") or rate >= SLOWEST_WALK:
         return
     spread = [np.linalg.norm(imu.acc[busy(imu)], axis=1).std() for imu in sensors.values() if imu.acc is not None]
-    if spread and max(spread) <= MOVING_ACC:
+    if spread and max(spread) <= 0.5:  # [m/s²], of a standing person 0.05
         return
     by, meant = f", {unit}" if unit.origin == "header" else "", _rate_meant(rate, unit) or "rad/s"
     raise RecordingError(
@@ -171,25 +173,25 @@ def _check_moving(sensors: Mapping[str, Imu], units: Units, name: str) -> None:
 
 def calm_force(acc: np.ndarray, rate_hz: float) -> float:
     """Median size [m/s²] of the specific force (T, 3) in the calmest windows: gravity's, even at a runner's foot."""
-    size, samples = np.linalg.norm(acc, axis=1), max(round(CALM_S * rate_hz), 2)
+    size, samples = np.linalg.norm(acc, axis=1), max(round(0.2 * rate_hz), 2)
     windows = len(size) // samples
     if windows < 5:
         return float(np.median(size))
     cut = size[: windows * samples].reshape(windows, samples)
-    calm = np.argsort(cut.std(axis=1))[: max(round(CALM_SHARE * windows), 1)]
+    calm = np.argsort(cut.std(axis=1))[: max(round(0.2 * windows), 1)]
     return float(np.median(cut[calm].mean(axis=1)))
 
 
 def are_counts(values: np.ndarray) -> bool:
     """Whether a signal (T, 3) holds whole numbers alone, as raw counts of a converter are."""
     numbers = np.unique(values[np.isfinite(values)])
-    return len(numbers) >= COUNTS and bool((numbers % 1 == 0).all()) and float(np.abs(numbers).max()) >= LARGE_COUNT
+    return len(numbers) >= 8 and bool((numbers % 1 == 0).all()) and float(np.abs(numbers).max()) >= 10.0
 
 
 def counts_without_unit(where: str, kind: str, name: str) -> RecordingError:
     """The error about whole numbers without a unit."""
     return RecordingError(
-        f"{name}: the {SIGNALS[kind][0]} of {where} has whole numbers and no unit, as raw counts have: multiply its "
+        f"{name}: the {SIGNALS[kind].words} of {where} has whole numbers and no unit, as raw counts have: multiply its "
         "columns by the sensor's sensitivity, or state their unit by {argument}",
         argument=f"{kind}_unit",
     )
@@ -198,9 +200,9 @@ def counts_without_unit(where: str, kind: str, name: str) -> RecordingError:
 def measures_gravity(acc: np.ndarray) -> bool:
     """Whether an acceleration (T, 3) in any unit has gravity in it: its mean over some strides does not vanish."""
     present = acc[np.isfinite(acc).all(axis=1)]
-    pieces = np.array_split(present, max(min(len(present) // PIECE, PIECES), 1))
+    pieces = np.array_split(present, max(min(len(present) // 256, 16), 1))
     steady = sum(len(piece) * float(np.linalg.norm(piece.mean(axis=0))) for piece in pieces if len(piece))
-    return steady > STEADY * float(np.linalg.norm(present, axis=1).sum())
+    return steady > 0.5 * float(np.linalg.norm(present, axis=1).sum())
 
 
 def _correct(unit: Unit) -> str:

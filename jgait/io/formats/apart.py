@@ -21,9 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.io.checks.sizes import measures_gravity
-from jgait.io.clocks import clock_of
-from jgait.io.files import check_file, numbers
-from jgait.io.formats.text import first_bytes
+from jgait.io.dates import clock_of
+from jgait.io.files import check_file, first_bytes, numbers
 from jgait.io.names import KINDS, placement_of
 from jgait.io.part import UP_UNSURE, Measured, Part, on_one_zero
 from jgait.io.text import read_table, separator_of, split

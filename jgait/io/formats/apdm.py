@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jgait.io.files import check_columns, check_file, check_size, library, plain, positive, three_columns
-from jgait.io.formats.text import Rows
+from jgait.io.formats.devices import Rows
 from jgait.io.part import Measured, Part, on_one_zero
 from jgait.io.text import first_lines, head_of, rows_of, split
 from jgait.notes import AS_READ, BY_NAME, Note
@@ -36,16 +36,6 @@ if TYPE_CHECKING:
     import h5py
 
 EXPECTED = "an APDM Opal HDF5 file"
-CSV = b"Format="  # first bytes of a CSV
-
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is an HDF5 file, by its name or its first bytes, or APDM's CSV."""
-    if head.lstrip(b'\xef\xbb\xbf"').startswith(CSV):
-        return True
-    return path.suffix.lower() in (".h5", ".hdf5") or (head.startswith(SIGNATURE) and path.suffix.lower() != ".mat")
 
 
 def measured(path: Path) -> Measured:
@@ -54,7 +44,7 @@ def measured(path: Path) -> Measured:
     """
     check_file(path, EXPECTED)
     with path.open("rb") as stream:
-        if stream.read(16).lstrip(b'\xef\xbb\xbf"').startswith(CSV):
+        if stream.read(16).lstrip(b'\xef\xbb\xbf"').startswith(b"Format="):
             return _csv(path)
     h5py = library("h5py", EXPECTED)
     try:

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jgait.io.clock import TIME_UNITS
-from jgait.io.clocks import SAME_RATE
 from jgait.io.files import (
     Tree,
     cells_in_lines,
@@ -32,7 +31,7 @@ from jgait.io.files import (
     positive,
 )
 from jgait.io.names import placement_of
-from jgait.io.part import Measured, Part
+from jgait.io.part import SAME_RATE, Measured, Part
 from jgait.io.units import ACC_UNITS, GYR_UNITS, known_unit
 from jgait.notes import AS_READ, LEFT_OUT, Kind, Note
 from jgait.types import RecordingError
@@ -42,19 +41,12 @@ if TYPE_CHECKING:
 
 EXPECTED = "a BIDS motion file (*_motion.tsv)"
 NEEDED = ("name", "component", "type", "units")
-LEVELS = 5
-"""Largest number of parent folders that are searched for inherited files; the search ends at the data set's root."""
 UNITS = {"GYRO": tuple(GYR_UNITS), "ACCEL": tuple(ACC_UNITS), "LATENCY": ("s", "ms")}  # type of channel → its units
 
 CHANNELS_BAD = Kind(
     "channels_bad", "check", "{sensor}: channels.tsv calls {channels} bad",
     "Whoever made the data set had doubts about these signals; they are used as they are.",
 )  # fmt: skip
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether its name is that of a BIDS motion file."""
-    return path.name.endswith(("_motion.tsv", "_motion.tsv.gz"))
 
 
 def measured(path: Path) -> Measured:
@@ -91,9 +83,11 @@ def measured(path: Path) -> Measured:
 
 
 def _inherited(path: Path, stem: str, kind: str) -> list[Path]:
-    """Files of a kind that apply to this file, the nearest first: their entities are a subset of this file's."""
-    entities, files, folders = {*stem.split("_"), ""}, list[Path](), list(path.absolute().parents)[:LEVELS]
-    root = next((k for k, folder in enumerate(folders) if (folder / "dataset_description.json").exists()), LEVELS)
+    """Files of a kind that apply to this file, the nearest first: their entities are a subset of this file's. Five
+    folders at most are searched, up to the data set's root.
+    """
+    entities, files, folders = {*stem.split("_"), ""}, list[Path](), list(path.absolute().parents)[:5]
+    root = next((k for k, folder in enumerate(folders) if (folder / "dataset_description.json").exists()), 5)
     for folder in folders[: root + 1]:
         here = [file for file in folder.glob(f"*{kind}") if set(file.name.removesuffix(kind).split("_")) <= entities]
         files += sorted(here, key=lambda file: -len(file.name))

@@ -37,10 +37,8 @@ EVENTS = {
     "foot strike": "initial_contact", "heel strike": "initial_contact", "initial contact": "initial_contact",
     "foot off": "final_contact", "toe off": "final_contact", "final contact": "final_contact",
 }  # fmt: skip
-BIG_ENDIAN = 86  # processor of a file whose numbers begin with their most significant byte: MIPS; Intel 84, DEC 85
-MOST_FRAMES = 65535  # largest number of frames that the header of a file can hold
-PARAMETERS_END = 2**19  # [bytes] largest end of the parameters: they begin within 255 blocks of 512 and have no more
-
+MOST_FRAMES = 65535
+"""[1] Largest number of frames that the header of a file can hold: its fields have 16 bits."""
 
 UPRIGHT = {
     f"{sign}{axis}": np.diag([1.0, way, way]) @ np.roll(np.eye(3), by, axis=0)
@@ -55,8 +53,8 @@ HIGH = re.compile(
     re.IGNORECASE,
 )
 LOW = re.compile(r"^[LR]?_?(HEEL?|TOE|ANK|AJC|TIO|MT[15]|CAL|FCC|FM[125]|FAL|TAM)$", re.IGNORECASE)
-SURE = 0.8  # [1] smallest share of the distance from feet to trunk along the vertical axis
-FLOOR = 0.15  # [m] largest height above or below 0 of the lowest markers on a floor
+FLOOR = 0.15
+"""[m] Largest height above or below 0 of the lowest markers on a floor; chosen by hand."""
 
 
 class CaptureEvent(NamedTuple):
@@ -170,11 +168,12 @@ def _frames_in_header(file: Path) -> int | None:
     are not there in full, of which ezc3d would seek the end for ever.
     """
     with file.open("rb") as stream:
-        content = stream.read(PARAMETERS_END)
+        content = stream.read(2**19)  # parameters begin within 255 blocks of 512 bytes, and have no more blocks
     if len(content) < 512 or content[1] != 0x50:
         raise RecordingError(f"{file.name} is not {EXPECTED}: it does not begin with the header of one")
     place = max(content[0] - 1, 1) * 512
-    order = ">u2" if content[place + 3 : place + 4] == bytes([BIG_ENDIAN]) else "<u2"
+    # processor 86, MIPS, writes the most significant byte first; Intel is 84, DEC 85
+    order = ">u2" if content[place + 3 : place + 4] == b"V" else "<u2"
     words = np.frombuffer(content[:512], order)
     place += 4
     while True:
@@ -318,7 +317,7 @@ def told_up(markers: Mapping[str, np.ndarray], stated: str = "") -> tuple[str | 
     if trunk and feet:
         way = np.mean(trunk, axis=0) - np.mean(feet, axis=0)
         axis = int(np.argmax(np.abs(way)))
-        sure = abs(way[axis]) >= SURE * np.linalg.norm(way)
+        sure = abs(way[axis]) >= 0.8 * np.linalg.norm(way)
         up = f"{'-' if way[axis] < 0 else '+'}{'xyz'[axis]}"
         return (up, "the trunk's markers are above the feet's there", True) if sure else (None, "", False)
     if not visible:

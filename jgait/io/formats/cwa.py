@@ -14,12 +14,6 @@ from jgait.io.part import Measured, Part
 from jgait.types import RecordingError
 
 EXPECTED = "an Axivity CWA file"
-SIGNATURE = b"MD\xfc\x03"  # first bytes: the header block and its length
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it begins as a CWA file."""
-    return head.startswith(SIGNATURE)
 
 
 def measured(path: Path) -> Measured:

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jgait.io.clocks import clock_of
+from jgait.io.dates import clock_of
 from jgait.io.names import CHANNELS, placement_of
 from jgait.io.part import Measured, Part
-from jgait.io.settle import settle
+from jgait.io.recording import settle
 from jgait.types import Recording, RecordingError
 
 if TYPE_CHECKING:

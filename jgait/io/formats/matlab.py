@@ -4,6 +4,7 @@ SciPy believes the types, lengths and dimensions of a file: damaged ones can end
 "MAT-File Format", version 5: elements of a tag (type and length) and content; an array is an element of elements.
 """
 
+import enum
 import math
 import zlib
 from collections.abc import Iterator, Sequence
@@ -16,14 +17,23 @@ from jgait.io.files import check_size, library, reading
 from jgait.types import RecordingError
 
 EXPECTED = "a MATLAB file of version 5 to 7"
-HEADS = (b"MATLAB 5.0", b"MATLAB 7.3")
 NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 """Type of an element of numbers → bytes of one."""
 
-INT8, INT32, UINT32, MATRIX, COMPRESSED = 1, 5, 6, 14, 15
-CELL, STRUCT, CHAR, NUMERIC = 1, 2, 4, range(6, 16)  # classes of arrays that are read
-OPAQUE = 17  # class of what MATLAB keeps beside the variables: strings, dates, tables; read within a struct or cell
-DEEPEST = 50  # [1] most arrays in each other
+
+class Type(enum.IntEnum):
+    """Types of elements, by MathWorks' "MAT-File Format", table 1-1."""
+
+    INT8, INT32, UINT32, MATRIX, COMPRESSED = 1, 5, 6, 14, 15
+
+
+class Held(enum.IntEnum):
+    """Classes of arrays beside those of numbers, 6 to 15, ibid., table 1-3; the opaque one is what MATLAB keeps beside
+    the variables (strings, dates, tables), and is read within a struct or cell.
+    """
+
+    CELL, STRUCT, CHAR, OPAQUE = 1, 2, 4, 17
+
 
 type Order = Literal["little", "big"]
 
@@ -53,14 +63,14 @@ def _variables(path: Path) -> list[str]:
     """The names of the variables of a file that is whole; raises ValueError or RecordingError for a damaged one."""
     content = path.read_bytes()
     order: Order = "little" if content[126:128] == b"IM" else "big"
-    if content.startswith(HEADS[1]):
+    if content.startswith(b"MATLAB 7.3"):
         how = "in MATLAB, load it and save(file, 'data', '-v7')"
         raise RecordingError(f"{path.name} is a MATLAB file of version 7.3; expected version 5 to 7: {how}")
     if 0 in content[:4] or content[126:128] not in (b"IM", b"MI") or int.from_bytes(content[124:126], order) != 0x100:
         raise ValueError("its header states another version")
     names, unpacked = [], 0
     for kind, element in _elements(memoryview(content)[128:], order):
-        if kind == COMPRESSED:
+        if kind == Type.COMPRESSED:
             unzip = zlib.decompressobj()
             tag = unzip.decompress(element, 8)
             size = int.from_bytes(tag[4:], order)
@@ -72,7 +82,7 @@ def _variables(path: Path) -> list[str]:
             )
             if len(element) != size or not unzip.eof:
                 raise ValueError(f"a variable of {size} bytes unpacks to {len(element)}")
-        if kind != MATRIX:
+        if kind != Type.MATRIX:
             raise ValueError(f"a variable is of type {kind}")
         names.append(_checked(element, order, 0))
     return names
@@ -89,7 +99,7 @@ def _elements(content: memoryview, order: Order) -> Iterator[tuple[int, memoryvi
         if begin + size > len(content) or (begin == at + 4 and size > 4):
             raise ValueError(f"an element of {size} bytes is longer than what holds it")
         yield kind, content[begin : begin + size]
-        at = at + 8 if begin == at + 4 else begin + size + (0 if kind in (MATRIX, COMPRESSED) else -size % 8)
+        at = at + 8 if begin == at + 4 else begin + size + (0 if kind in (Type.MATRIX, Type.COMPRESSED) else -size % 8)
 
 
 def _checked(content: memoryview, order: Order, depth: int) -> str:
@@ -99,42 +109,44 @@ def _checked(content: memoryview, order: Order, depth: int) -> str:
     if not content:
         return ""
     (first, flags), *parts = _elements(content, order)
-    if first != UINT32 or len(flags) != 8:
+    if first != Type.UINT32 or len(flags) != 8:
         raise ValueError("an array has no flags")
     word = int.from_bytes(flags[:4], order)
     held, is_complex = word & 0xFF, bool(word & 0x800)
     kinds = [kind for kind, _ in parts]
-    if held == OPAQUE and depth and kinds == [INT8, INT8, INT8, MATRIX]:
+    if held == Held.OPAQUE and depth and kinds == [Type.INT8, Type.INT8, Type.INT8, Type.MATRIX]:
         return _checked(parts[3][1], order, depth + 1)
-    if held not in (CELL, STRUCT, CHAR, *NUMERIC):
+    if held not in (Held.CELL, Held.STRUCT, Held.CHAR, *range(6, 16)):
         if depth:
             raise ValueError(f"an array is of the class {held}; expected structs, cells, texts and numbers")
         return ""
-    if len(parts) < 2 or kinds[0] not in (INT32, UINT32) or depth > DEEPEST:
+    if len(parts) < 2 or kinds[0] not in (Type.INT32, Type.UINT32) or depth > 50:
         raise ValueError("an array has no dimensions")
     shape, name = np.frombuffer(parts[0][1], f"{'<' if order == 'little' else '>'}i4").tolist(), parts[1][1]
     count = math.prod(shape)
-    if not 2 <= len(shape) <= 32 or min(shape) < 0 or kinds[1] not in (INT8, 2, 16):
+    if not 2 <= len(shape) <= 32 or min(shape) < 0 or kinds[1] not in (Type.INT8, 2, 16):
         raise ValueError(f"an array has the dimensions {shape}")
     kinds, values = kinds[2:], [part for _, part in parts[2:]]
-    if held in (CELL, STRUCT):
-        if held == STRUCT:
-            length = int.from_bytes(values[0], order) if kinds[:2] == [INT32, INT8] and len(values[0]) == 4 else 0
+    if held in (Held.CELL, Held.STRUCT):
+        if held == Held.STRUCT:
+            length = (
+                int.from_bytes(values[0], order) if kinds[:2] == [Type.INT32, Type.INT8] and len(values[0]) == 4 else 0
+            )
             if not 1 <= length <= 1024 or len(values[1]) % length:
                 raise ValueError("a struct has no names of fields")
             count *= len(values[1]) // length
             kinds, values = kinds[2:], values[2:]
-        if len(kinds) != count or set(kinds) - {MATRIX}:
+        if len(kinds) != count or set(kinds) - {Type.MATRIX}:
             raise ValueError(f"an array of {count} arrays holds {len(kinds)} elements")
         for value in values:
             _checked(value, order, depth + 1)
         return bytes(name).decode("latin1")
-    if held == CHAR:
+    if held == Held.CHAR:
         whole = len(kinds) == 1 and kinds[0] in (1, 2, 3, 4, 16, 17, 18) and count <= (len(values[0]) or 1)
     else:
         whole = len(kinds) == 1 + is_complex and all(
             len(value) == count * NUMBERS.get(kind, 0) for kind, value in zip(kinds, values, strict=True)
         )
-    if not whole or (set(kinds) - NUMBERS.keys() and held != CHAR):
+    if not whole or (set(kinds) - NUMBERS.keys() and held != Held.CHAR):
         raise ValueError(f"an array of {count} values holds {', '.join(map(str, map(len, values)))} bytes")
     return bytes(name).decode("latin1")

@@ -20,23 +20,17 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.io.clocks import CLOCKS_APART
 from jgait.io.files import Tree, check_file, positive, reading, three_columns
-from jgait.io.formats.matlab import HEADS, read_matlab
+from jgait.io.formats.matlab import read_matlab
 from jgait.io.names import placement_of
-from jgait.io.part import Measured, Part, on_one_zero
-from jgait.io.settle import settle
+from jgait.io.part import CLOCKS_APART, Measured, Part, on_one_zero
+from jgait.io.recording import settle
 from jgait.notes import AS_READ, LEFT_OUT, Note
 from jgait.types import Recording, RecordingError
 
 EXPECTED = "a Mobilise-D MATLAB file (data.mat)"
 DEVICES = ("SU", "SU_INDIP", "SU_INDIP2")
 """Devices of a trial; if two devices have a sensor at one placement, the first is used."""
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is a MATLAB file, by its name or its first bytes."""
-    return path.suffix.lower() == ".mat" or head.startswith(HEADS)
 
 
 def measured(path: Path) -> Measured:

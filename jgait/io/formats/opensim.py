@@ -22,15 +22,16 @@ from jgait.notes import DEDUCED, Note, record
 from jgait.types import SIDES, Estimate, Legs, LegTrajectory, RecordingError
 
 EXPECTED = "an OpenSim motion (.mot, .sto)"
-HEADER_LINES = 200  # [lines] largest length of the header
 NO_ANGLE = re.compile(
     r"_[tvp]?[0-9]*[xyz]$|force|torque|moment|activation|excitation|fiber|tendon|length|power|reserve|emg",
     re.IGNORECASE,
 )
 """Columns that are lengths, forces or states of muscles, whatever `inDegrees` states."""
-TURN = 2.0 * np.pi  # [rad] largest angle of a leg; a larger number is in degrees
-BENT, STRAIGHT = np.deg2rad(25.0), np.deg2rad(15.0)
-"""[rad] In walking, the largest knee flexion is above the first, and the largest hyperextension below the second."""
+BENT = np.deg2rad(25.0)
+"""[rad] In walking, the largest knee flexion is above it; chosen by hand."""
+
+STRAIGHT = np.deg2rad(15.0)
+"""[rad] In walking, the largest hyperextension of the knee is below it; chosen by hand."""
 
 
 @record
@@ -155,7 +156,7 @@ def _base(column: str) -> str:
 
 def _header(file: Path) -> tuple[dict[str, str], int, list[str]]:
     """Its keys in small letters, how many lines before the table's rows, and the names of its columns."""
-    lines, _ = first_lines(file, HEADER_LINES)
+    lines, _ = first_lines(file, 200)
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
         raise RecordingError(f"{file.name} is not {EXPECTED}: none of its first {len(lines)} lines is endheader")
@@ -208,11 +209,12 @@ def _told_degrees(file: Path, columns: dict[str, np.ndarray], notes: list[Note])
     """Whether angles are in degrees, by the size of those of the legs."""
     legs = [v for c, v in columns.items() if re.match(r"(hip_flexion|knee_angle|ankle_angle)_[rl]$", _base(c))]
     largest = max((float(np.nanmax(np.abs(values))) for values in legs if np.isfinite(values).any()), default=0.0)
-    if largest > TURN or BENT < largest < np.pi:
-        unit = "degrees" if largest > TURN else "radians"
+    degrees = largest > 2.0 * np.pi
+    if degrees or BENT < largest < np.pi:
+        unit = "degrees" if degrees else "radians"
         why = f"for the largest angle of the legs is {largest:.4g}"
         notes.append(DEDUCED.note(f"the file does not state inDegrees; {unit}, {why}"))
-        return largest > TURN
+        return degrees
     undecided = f"and the largest angle of the legs, {largest:.4g}, does not decide; give degrees"
     raise RecordingError(f"{file.name} does not state inDegrees, {undecided}")
 

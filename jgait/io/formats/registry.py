@@ -2,15 +2,14 @@
 
 import importlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from jgait.io.atomic import check_path
-from jgait.io.files import check_brand, check_regular, reading
-from jgait.io.formats.text import first_bytes
+from jgait.io.files import check_brand, check_regular, first_bytes, reading
 from jgait.io.part import Measured, joined
-from jgait.io.settle import settle
+from jgait.io.recording import settle
 from jgait.notes import AS_READ
 from jgait.types import Recording, RecordingError
 
@@ -18,22 +17,27 @@ from jgait.types import Recording, RecordingError
 class Format(NamedTuple):
     """A file format.
 
-    A module `jgait.io.formats.MODULE` has `recognises(path, head) -> bool`, which looks at the name and the first
-    bytes only, and `measured(path) -> Measured`, which parses and raises `RecordingError` for what it cannot read;
-    or `FORMATS`, name → an object that has both.
+    A module `jgait.io.formats.MODULE` has `measured(path) -> Measured`, which parses and raises `RecordingError` for
+    what it cannot read, and, unless `named` or `begins` decide, `recognises(path, head) -> bool`, which looks at the
+    name and the first bytes only; or `FORMATS`, name → an object that has both.
     """
 
     module: str  #: its name in this package.
     title: str  #: name of the format for users.
     files: str  #: what is given to `read`: endings, or words.
     states: str  #: which units, placements and clocks file or specification state.
+    named: tuple[str, ...] = ()  #: endings of the names of all its files.
+    begins: tuple[bytes, ...] = ()  #: first bytes of its files that are called otherwise.
 
 
 FORMATS: dict[str, Format] = {
-    "mobilised": Format("mobilised", "Mobilise-D MATLAB file", "data.mat", "units, placements, rates"),
-    "apdm": Format("apdm", "APDM Opal HDF5 or CSV", "*.h5, *.csv", "units, placements as labels, one clock"),
-    "cwa": Format("cwa", "Axivity CWA (AX6)", "*.cwa", "units, time; no placement"),
-    "bids": Format("bids", "BIDS motion", "*_motion.tsv with its .json and _channels.tsv", "units, placements, rate"),
+    "mobilised": Format("mobilised", "Mobilise-D MATLAB file", "data.mat", "units, placements, rates", (".mat",),
+                        (b"MATLAB 5.0", b"MATLAB 7.3")),
+    "apdm": Format("apdm", "APDM Opal HDF5 or CSV", "*.h5, *.csv", "units, placements as labels, one clock",
+                   (".h5", ".hdf5"), (b"\x89HDF\r\n\x1a\n", b"Format=")),
+    "cwa": Format("cwa", "Axivity CWA (AX6)", "*.cwa", "units, time; no placement", begins=(b"MD\xfc\x03",)),
+    "bids": Format("bids", "BIDS motion", "*_motion.tsv with its .json and _channels.tsv", "units, placements, rate",
+                   ("_motion.tsv", "_motion.tsv.gz")),
     "mtw": Format("devices", "Xsens MTw text", "MT_*.txt, one file a sensor, or a folder", "rate; no placement"),
     "dot": Format("devices", "Movella DOT CSV", "*.csv, one file a sensor, or a folder", "time; no placement"),
     "shimmer": Format("devices", "Shimmer Consensys CSV", "*.csv, or a folder",
@@ -69,10 +73,10 @@ OTHERS = {
 """Ending of files that are not read → what they are, and what reads or converts them."""
 
 
-def _module(name: str) -> "tuple[Callable[[Path, bytes], bool], Callable[[Path], Measured]]":
+def _module(name: str) -> Any:
+    """What has `measured`, and perhaps `recognises`, of a format."""
     module = importlib.import_module(f"jgait.io.formats.{FORMATS[name].module}")
-    described = getattr(module, "FORMATS", {}).get(name, module)
-    return described.recognises, described.measured
+    return getattr(module, "FORMATS", {}).get(name, module)
 
 
 def format_of(path: str | os.PathLike[str]) -> str | None:
@@ -87,7 +91,12 @@ def format_of(path: str | os.PathLike[str]) -> str | None:
     file = Path(path)
     check_regular(file, "a recording")
     head = b"" if file.is_dir() else first_bytes(file)
-    return next((name for name in FORMATS if _module(name)[0](file, head)), None)
+    for name, one in FORMATS.items():
+        if file.name.lower().endswith(one.named) or head.lstrip(b'\xef\xbb\xbf"').startswith(one.begins):
+            return name
+        if not (one.named or one.begins) and _module(name).recognises(file, head):
+            return name
+    return None
 
 
 def read(
@@ -160,7 +169,7 @@ def _one(path: str | os.PathLike[str], format: str | None, placement: str | None
             f"{file.name} is in no format that jgait reads ({formats}); state which by {{argument}}", argument="format"
         )
     with reading(file, FORMATS[known].title):
-        content = _module(known)[1](file)
+        content: Measured = _module(known).measured(file)
     content = content._replace(notes=(*content.notes, AS_READ.note(f"read as {FORMATS[known].title}")))
     if placement is None:
         return content

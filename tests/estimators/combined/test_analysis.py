@@ -228,7 +228,7 @@ def test_running_between_walks_is_named_and_turns_nothing_round():
         parts.append(simulate.recording(key, walks, way, placements=(*FEET, "pelvis")))
     recording = in_a_row(*[part for part, _ in parts])
     found = jgait.analyse(recording)
-    assert not of_code((*found.notes, *contradictions(recording).notes), "pace_unusual", "clocks_apart")
+    assert not of_code((*found.notes, *contradictions(recording)[1]), "pace_unusual", "clocks_apart")
     alone = jgait.analyse(only(recording, "pelvis")).estimate
     (falls,) = [n for n in of_code(alone.diagnostics["notes"], "strides_not_learned") if "share_pct" in n.values]
     assert falls.values["strides"] < 0.8 * falls.values["of"]
@@ -438,7 +438,7 @@ def test_a_stiff_leg_turns_less_and_counts_and_a_wrong_unit_does_not():
     foot = recording.sensors["foot_right"]
     for factor, counts in ((1.0, True), (0.4, False)):
         wrong = changed(recording, foot_right=foot._replace(gyr=factor * foot.gyr))
-        quality = {name: SensorQuality(faster=facts.faster) for name, facts in contradictions(wrong).quality.items()}
+        quality = {name: SensorQuality(faster=facts.faster) for name, facts in contradictions(wrong)[0].items()}
         assert len(writer.contradictions(quality)) == 1
         feet = only(wrong, *FEET)
         noted, plain = (jgait.analyse(feet._replace(quality=stated)).estimate for stated in (quality, {}))
