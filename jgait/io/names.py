@@ -1,6 +1,7 @@
 """Recognise a lab's names of columns: "GyroThighR_x (deg/s)" is thigh_right_gyr_x in jgait."""
 
 import difflib
+import itertools
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
@@ -141,7 +142,11 @@ def _signal(words: list[str]) -> tuple[str, list[str] | None] | None:
         for synonym in filter(joined.__contains__, synonyms):
             last = not axis and joined.endswith(tuple(f"{synonym}{letter}" for letter in "xyz"))
             stated = joined[-1] if last else axis
-            return (f"{kind}_{stated}", _without(rest, synonym + (stated if last else ""))) if stated else None
+            if not stated:
+                return None
+            taken, spans = synonym + (stated if last else ""), itertools.combinations(range(len(rest) + 1), 2)
+            beside = (rest[:i] + rest[j:] for i, j in spans if "".join(rest[i:j]) == taken)
+            return f"{kind}_{stated}", next(beside, None)
     return None
 
 
@@ -218,15 +223,6 @@ def is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _without(words: list[str], taken: str) -> list[str] | None:
-    """The words without those whose concatenation is `taken`; None if `taken` is no concatenation of the words."""
-    for first in range(len(words)):
-        for end in range(first + 1, len(words) + 1):
-            if "".join(words[first:end]) == taken:
-                return words[:first] + words[end:]
-    return None
 
 
 def _unclear(name: str, given: list[str]) -> bool:

@@ -112,9 +112,19 @@ def recording_in_units(
         raise RecordingError(f"{name} has no sensor; expected at least one of {', '.join(PLACEMENTS)}")
     samples = None
     for placement, signals in sensors.items():
-        samples = _check_arrays(placement, signals, samples, name)
+        if placement not in PLACEMENTS:
+            raise RecordingError(f"{name}: {no_placement(placement)}")
+        if signals.get("gyr") is None:
+            raise RecordingError(f"{name}: {placement} needs 'gyr' of shape (T, 3); it has {sorted(signals)}")
+        for kind in (kind for kind in ("gyr", "acc") if signals.get(kind) is not None):
+            shape = np.shape(signals[kind])
+            if len(shape) != 2 or shape[1] != 3:
+                raise RecordingError(f"{name}: {kind} of {placement} must have shape (T, 3); got {shape}")
+            if samples not in (None, shape[0]):
+                raise RecordingError(f"{name}: {kind} of {placement} has {shape[0]} samples; the others have {samples}")
+            samples = shape[0]
     notes_of: dict[str, tuple[Note, ...]] = {}
-    imus, noted = {}, {}
+    imus, noted, by_header = {}, {}, dict[str, list[str]]()
     every = np.hstack([as_float(values) for each in sensors.values() for values in each.values() if values is not None])
     again = ~np.diff(every, axis=0).any(axis=1)
     clock = make_clock(int(samples or 0), time, sampling_rate_hz, time_unit, name, again)
@@ -127,7 +137,18 @@ def recording_in_units(
         read = {kind: np.where(np.isfinite(values), values, np.nan) for kind, values in read.items()}
         masked, notes_of[placement] = without_damage(placement, read, scales[placement], clock.sampling_rate_hz, twice)
         imus[placement] = _imu(masked, clock)
-        notes_of[placement] += _asleep(placement, read)
+        asleep = np.isnan(read["gyr"]).all(axis=1)  # as a gyroscope that is switched off
+        asleep &= np.isfinite(read["acc"]).all(axis=1) if "acc" in read else False
+        if asleep.mean() > 0.05:
+            text = (
+                "{placement}: in {share:.0%} of the samples the accelerometer has a reading and the gyroscope has "
+                "none; they count as lost; if it was switched off to save power, `duty_cycled_gyro` fills its rate: "
+                "`estimate` takes gyro_on={{name: recording.sensors[name].mask}}"
+            )
+            notes_of[placement] += (DATA_LOST.note(text, placement=placement, share=asleep.mean()),)
+        for kind in read:
+            if units[placement][kind].origin == "header":
+                by_header.setdefault(f"{kind} in {units[placement][kind].name}", []).append(placement)
         unit = units[placement]["gyr"]
         if unit.origin == "argument" and unit.name in ("mdeg/s", "mrad/s") and are_counts(as_float(signals["gyr"])):
             notes_of[placement] += (COUNTS_GIVEN(placement=placement, unit=unit.name),)
@@ -136,11 +157,13 @@ def recording_in_units(
     imus, left_out = usable_sensors(imus, units, name)
     recording = Recording(imus, clock.sampling_rate_hz, name, subject, clock.notes)
     damage = [note for placement in imus for note in notes_of[placement]]
+    stated = ", ".join(f"{of} ({', '.join(where)})" for of, where in by_header.items())
+    header = [AS_READ.note(f"units by the header: {stated}")] if stated else []
     # other movements show neither sides nor places nor clocks
     walking = walking_alone(recording).recording
     wrong, contrary = contradictions(walking, {placement: units[placement]["gyr"] for placement in imus}, recording)
     notes = (
-        *clock.notes, *_by_header(units, sensors), *writer.left_out(left_out), *damage,
+        *clock.notes, *header, *writer.left_out(left_out), *damage,
         *quality_notes(recording, noted), *contrary,
     )  # fmt: skip
     begin = dict.fromkeys(imus, SensorQuality(begin=clock.begin))
@@ -158,44 +181,6 @@ def recording_in_units(
     if not apart.mask.any():
         notes = (*notes, RANGE_LOST.note("feet_range holds no reading"))
     return recording._replace(notes=notes, feet_range=apart)
-
-
-def _asleep(placement: str, read: Mapping[str, np.ndarray]) -> tuple[Note, ...]:
-    """The note about a gyroscope without readings where its accelerometer has some, as while it is switched off."""
-    alone = np.isfinite(read["acc"]).all(axis=1) & np.isnan(read["gyr"]).all(axis=1) if "acc" in read else np.zeros(1)
-    text = (
-        "{placement}: in {share:.0%} of the samples the accelerometer has a reading and the gyroscope has none; they "
-        "count as lost; if it was switched off to save power, `duty_cycled_gyro` fills its rate: `estimate` takes "
-        "gyro_on={{name: recording.sensors[name].mask}}"
-    )
-    return (DATA_LOST.note(text, placement=placement, share=alone.mean()),) if alone.mean() > 0.05 else ()
-
-
-def _by_header(units: Units, sensors: Mapping[str, Mapping[str, ArrayLike]]) -> list[Note]:
-    """The note about signals whose unit the names of their columns state."""
-    stated: dict[str, list[str]] = {}
-    for placement, signals in sensors.items():
-        for kind, unit in units[placement].items():
-            if unit.origin == "header" and signals.get(kind) is not None:
-                stated.setdefault(f"{kind} in {unit.name}", []).append(placement)
-    text = ", ".join(f"{of} ({', '.join(where)})" for of, where in stated.items())
-    return [AS_READ.note(f"units by the header: {text}")] if stated else []
-
-
-def _check_arrays(placement: str, signals: Mapping[str, ArrayLike], samples: int | None, name: str) -> int:
-    """Check the names and shapes of one sensor's signals; returns its number of samples."""
-    if placement not in PLACEMENTS:
-        raise RecordingError(f"{name}: {no_placement(placement)}")
-    if signals.get("gyr") is None:
-        raise RecordingError(f"{name}: {placement} needs 'gyr' of shape (T, 3); it has {sorted(signals)}")
-    for kind in (kind for kind in ("gyr", "acc") if signals.get(kind) is not None):
-        shape = np.shape(signals[kind])
-        if len(shape) != 2 or shape[1] != 3:
-            raise RecordingError(f"{name}: {kind} of {placement} must have shape (T, 3); got {shape}")
-        if samples not in (None, shape[0]):
-            raise RecordingError(f"{name}: {kind} of {placement} has {shape[0]} samples; the others have {samples}")
-        samples = shape[0]
-    return int(samples or 0)
 
 
 def _imu(signals: Mapping[str, np.ndarray], clock: SampleTimes) -> Imu:

@@ -249,16 +249,16 @@ class Results:
                 usable = bool(estimate.diagnostics.get(f"angles_valid_{joint.split()[1]}", True))
                 text = f"{pair[0]:z.0f} … {pair[1]:z.0f} °".replace("-", "−")
                 totals.append(Total(joint, text, "joint angles", usable=usable))
-        return totals if self.analysis is None else [self._with_source(self.analysis, total) for total in totals]
-
-    def _with_source(self, analysis: "Analysis", total: Total) -> Total:
-        if total.quantity == "joint angles":
-            return total._replace(source="legs")
-        alone = [
-            f"{c.source} {c.value:.{QUANTITIES[c.quantity].digits}f}" for c in analysis.comparisons
-            if c.source != "combined" and c.quantity == (total.quantity or total.words)
-        ]  # fmt: skip
-        return total._replace(source=", ".join(alone or dict.fromkeys(self.measured_by)))
+        if (analysis := self.analysis) is None:
+            return totals
+        for k, total in enumerate(totals):
+            alone = [
+                f"{c.source} {c.value:.{QUANTITIES[c.quantity].digits}f}" for c in analysis.comparisons
+                if c.source != "combined" and c.quantity == (total.quantity or total.words)
+            ]  # fmt: skip
+            of = ["legs"] if total.quantity == "joint angles" else alone or dict.fromkeys(self.measured_by)
+            totals[k] = total._replace(source=", ".join(of))
+        return totals
 
 
 def analysis_to_dataframes(analysis: "Analysis") -> "dict[str, pd.DataFrame]":

@@ -86,7 +86,8 @@ def head_of(lines: Sequence[str], encoding: str, header: int, separator: str, la
     below = [row for row in range((header if last is None else last) + 1, len(lines)) if lines[row].strip()]
     cells = split(lines[below[0]], separator) if below else ()
     units = tuple(cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell for cell in cells)
-    units = units if any(map(_is_unit, units)) and not any(map(is_number, units)) else ()
+    stated = any(known_unit(cell) or cell in TIMES for cell in units)
+    units = units if stated and not any(map(is_number, units)) else ()
     body = below[1:] if units else below
     decimal = "," if separator != "," and any("," in lines[row] for row in body or [header]) else "."
     above = tuple(line[:LONGEST_NAME] for line in lines[:header])
@@ -115,7 +116,16 @@ def rows_of(path: Path, head: Head, *, strict: bool) -> tuple["pd.DataFrame", tu
         raise RecordingError(f"{path.name} has a header and no rows; its columns are {there}")
     check_size(8 * len(cells) * columns, path)
     cut = rows.size > 1 and cells[rows[-1]] < cells[rows[-2]]
-    _check_lengths(cells, rows[: rows.size - cut], head, path.name, strict)
+    whole = rows[: rows.size - cut]
+    usual = columns + int(cells[whole[0]] == columns + 1)  # a separator may end each row
+    wrong = whole[(cells[whole] != usual) & (cells[whole] != 0) if strict else cells[whole] > usual]
+    if len(wrong):
+        names = head.separator.join(head.names).strip()[:80]
+        what = "is cut off" if cells[wrong[0]] < usual else "is too long"
+        raise RecordingError(
+            f"{path.name}, line {wrong[0] + 1}: the row {what}: it has {cells[wrong[0]]} values, the header {columns}: "
+            f"{names!r}; expected one line with a name for each column, such as foot_left_gyr_x, above the numbers"
+        )
     try:
         table = pd.read_csv(
             path, sep=head.separator, decimal=head.decimal, header=None, names=range(columns), index_col=False,
@@ -135,20 +145,6 @@ def rows_of(path: Path, head: Head, *, strict: bool) -> tuple["pd.DataFrame", tu
     )
     counts = {"line": rows[-1] + 1, "cells": cells[rows[-1]], "expected": cells[rows[-2]], "rows": rows.size - 1}
     return table, (DATA_LOST.note(text, value=repr(last), **counts),)
-
-
-def _check_lengths(cells: np.ndarray, rows: np.ndarray, head: Head, name: str, strict: bool) -> None:
-    """Refuse rows that are longer than the header, but by a separator at the end; in a strict table all that differ."""
-    columns = len(head.names)
-    usual = columns + int(cells[rows[0]] == columns + 1)
-    wrong = rows[(cells[rows] != usual) & (cells[rows] != 0) if strict else cells[rows] > usual]
-    if len(wrong):
-        names = head.separator.join(head.names).strip()[:80]
-        what = "is cut off" if cells[wrong[0]] < usual else "is too long"
-        raise RecordingError(
-            f"{name}, line {wrong[0] + 1}: the row {what}: it has {cells[wrong[0]]} values, the header {columns}: "
-            f"{names!r}; expected one line with a name for each column, such as foot_left_gyr_x, above the numbers"
-        )
 
 
 def read_table(file: Path) -> tuple["pd.DataFrame", tuple[Note, ...]]:
@@ -224,16 +220,12 @@ def _axis(cell: str) -> bool:
     return like_a_signal(cell) or re.fullmatch("(gyr|acc)_(pa|ml|si|is)", cell, re.IGNORECASE) is not None
 
 
-def _is_unit(cell: str) -> bool:
-    return known_unit(cell) is not None or cell in TIMES
-
-
 def _with_unit(column: str, unit: str, name: str) -> str:
     """The name of a column with the unit below it, if it does not state this unit; refuses another one."""
     stated = stated_unit(column) or unit_in_name(column)
     if not unit or (stated is not None and (known_unit(stated) or stated) == (known_unit(unit) or unit)):
         return column
-    if stated is not None and _is_unit(unit):
+    if stated is not None and (known_unit(unit) or unit in TIMES):
         raise RecordingError(
             f"{name}: the column {column!r} has {unit!r} in the row below the header; correct one of the two units"
         )

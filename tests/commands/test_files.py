@@ -34,7 +34,7 @@ def scaled(kind, factor):
 SPOILT = {
     "in g": (scaled("_acc_", 1.0 / 9.81), "it seems to be in g; pass --acc-unit g"),
     "no shank": (of_text(lambda text: text.replace("shank_right", "wrist_right")), "no estimator has its sensors"),
-    "binary": (lambda path: path.write_bytes(bytes(range(256)) * 8), "walk.csv is in no format that jgait reads"),
+    "binary": (lambda path: path.write_bytes(bytes(range(256)) * 8), "it is in no format that jgait reads"),
 }
 
 

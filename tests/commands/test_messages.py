@@ -61,7 +61,7 @@ def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_e
     pd.read_csv(walk).rename(columns={"time": "clock"}).to_csv(walk, index=False)
     _, said = run("estimate", walk, "--out", tmp_path / "out")
     rows = len(recording.sensors["thigh_right"].time)
-    assert f"walk has {rows} rows and no column called 'time', so --rate is needed; it was not given" in said
+    assert f"it has {rows} rows and no column called 'time', so --rate is needed; it was not given" in said
     assert "columns that are not of sensors: clock" in said
     with pytest.raises(RecordingError, match=r"walk has 20 samples without time stamps, so sampling_rate_hz is needed"):
         io.recording_from_arrays({"waist": {"gyr": np.ones((20, 3))}}, name="walk")

@@ -86,11 +86,19 @@ def without_damage(
     one before in all sensors, None if the sensor is the only one.
     """
     signals = {kind: values.copy() for kind, values in signals.items()}
-    wrapped, repeated = list[Note](), dict[str, list[str]]()
+    wrapped, repeated, sentences = list[Note](), dict[str, list[str]](), list[str]()
     held = np.all([~np.diff(values, axis=0).any(axis=1) for values in signals.values()], axis=0)
     held &= False if twice is None else ~twice
     with np.errstate(invalid="ignore"):
-        sentences = _impossible(signals, rate_hz) + _placeholders(signals, scales, rate_hz)
+        for kind, values in signals.items():
+            wrong = (np.abs(values) > SIGNALS[kind].largest).any(axis=1)
+            if 0 < wrong.sum() <= max(0.01 * len(values), 1):  # with more, the unit is wrong
+                first = int(np.argmax(wrong))
+                worst, unit = values[first][np.argmax(np.abs(values[first]))], SIGNALS[kind].unit
+                where = f"{wrong.sum()}, {worst:.4g} {unit} at {first / rate_hz:.2f} s"
+                sentences.append(f"values that no sensor reads: {where}; masked")
+                values[wrong] = np.nan
+        sentences += _placeholders(signals, scales, rate_hz)
         for kind, values in signals.items():
             wrapped += _unwrap(placement, kind, values)
             spikes, jumps = _spikes(placement, kind, values, signals["gyr"], rate_hz)
@@ -103,10 +111,10 @@ def without_damage(
                     values[start + 1 : end + 1] = np.nan
                 if runs:
                     seconds = sum(end - start + 1 for start, end in runs) / rate_hz
-                    first = f"for {seconds:.2f} s in all, first at {runs[0][0] / rate_hz:.2f} s"
-                    repeated.setdefault(first, []).append(signal)
+                    since = f"for {seconds:.2f} s in all, first at {runs[0][0] / rate_hz:.2f} s"
+                    repeated.setdefault(since, []).append(signal)
             sentences += jumps + (_between_new(kind, values, *slower, rate_hz) if slower is not None else [])
-    sentences += [f"one reading of {' and '.join(of)} is repeated {first}; masked" for first, of in repeated.items()]
+    sentences += [f"one reading of {' and '.join(of)} is repeated {since}; masked" for since, of in repeated.items()]
     return signals, (*wrapped, *(MASKED.note(sentence, placement=placement) for sentence in sentences))
 
 
@@ -114,20 +122,6 @@ def finest_step(values: np.ndarray) -> float:
     """The least change that is not 0 between neighbouring samples of any axis; 0 where nothing changes."""
     steps = np.abs(np.diff(values, axis=0))
     return float(steps[steps > 0.0].min()) if (steps > 0.0).any() else 0.0
-
-
-def _impossible(signals: dict[str, np.ndarray], rate: float) -> list[str]:
-    """Mask samples beyond the range of any sensor, if they are few; what is masked, in words, as of all that follow."""
-    sentences = []
-    for kind, values in signals.items():
-        wrong = (np.abs(values) > SIGNALS[kind].largest).any(axis=1)
-        if 0 < wrong.sum() <= max(0.01 * len(values), 1):  # with more, the unit is wrong
-            first = int(np.argmax(wrong))
-            worst, unit = values[first][np.argmax(np.abs(values[first]))], SIGNALS[kind].unit
-            where = f"{wrong.sum()}, {worst:.4g} {unit} at {first / rate:.2f} s"
-            sentences.append(f"values that no sensor reads: {where}; masked")
-            values[wrong] = np.nan
-    return sentences
 
 
 def placeholders_in(values: np.ndarray) -> tuple[float, ...]:
@@ -143,7 +137,7 @@ def placeholders_in(values: np.ndarray) -> tuple[float, ...]:
 
 
 def _placeholders(signals: dict[str, np.ndarray], scales: dict[str, float], rate: float) -> list[str]:
-    """Mask samples that hold the number of a missing value, and samples that are zero in all axes."""
+    """Mask samples that hold the number of a missing value, or are zero in all axes; what is masked, in words."""
     masks: dict[float, np.ndarray] = {}
     zero = np.all([~values.any(axis=1) for values in signals.values()], axis=0)  # NaN counts as not zero
     for kind, values in signals.items():

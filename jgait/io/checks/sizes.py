@@ -76,7 +76,14 @@ def usable_sensors(
     """The sensors without those whose numbers cannot be right, and why each of these is left out. Raises RecordingError
     if no sensor has signals, or the sizes of most contradict their unit.
     """
-    dead = {placement: words for placement, imu in sensors.items() if (words := _dead(imu))}
+    dead = dict[str, str]()
+    for placement, imu in sensors.items():
+        there = as_float(imu.gyr)[np.asarray(imu.mask)]
+        if not len(there):
+            dead[placement] = f"it has no usable sample; all {len(imu.gyr)} are missing"
+        elif not np.ptp(there, axis=0).any():
+            reading = ", ".join(f"{value:.4g}" for value in there[0])
+            dead[placement] = f"its gyroscope is constant at ({reading}) rad/s; it recorded nothing"
     if len(dead) == len(sensors):
         first = next(iter(dead))
         raise RecordingError(f"{name}: {first} {dead[first].removeprefix('it ')}")
@@ -100,15 +107,6 @@ def usable_sensors(
     _check_moving(left, units, name)
     dead |= {placement: f"its {fault.part} {fault.words}{advice[placement]}" for placement, fault in faults.items()}
     return left, {placement: SensorQuality(left_out=words) for placement, words in dead.items()}
-
-
-def _dead(imu: Imu) -> str:
-    """Why a sensor has no signal: no sample, or all axes of the gyroscope constant; "" if it has one."""
-    there = as_float(imu.gyr)[np.asarray(imu.mask)]
-    if not len(there):
-        return f"it has no usable sample; all {len(imu.gyr)} are missing"
-    reading = ", ".join(f"{value:.4g}" for value in there[0])
-    return "" if np.ptp(there, axis=0).any() else f"its gyroscope is constant at ({reading}) rad/s; it recorded nothing"
 
 
 def _fault(placement: str, imu: Imu, units: Mapping[str, Unit]) -> _Fault | None:

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 from jgait.io.atomic import check_path
 from jgait.io.files import check_brand, check_regular, first_bytes, reading
+from jgait.io.names import COLUMNS
 from jgait.io.part import Measured, joined
 from jgait.io.recording import settle
+from jgait.io.text import separator_of, split
 from jgait.notes import AS_READ
 from jgait.types import Recording, RecordingError
 
@@ -91,6 +93,9 @@ def format_of(path: str | os.PathLike[str]) -> str | None:
     file = Path(path)
     check_regular(file, "a recording")
     head = b"" if file.is_dir() else first_bytes(file)
+    line = head.decode("utf-8-sig", "replace").partition("\n")[0].strip().lower()
+    if COLUMNS.intersection(split(line, separator_of(line))) - {"time"}:  # no other format has jgait's own names
+        return "csv"
     for name, one in FORMATS.items():
         if file.name.lower().endswith(one.named) or head.lstrip(b'\xef\xbb\xbf"').startswith(one.begins):
             return name
