@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.common.row import Row
-from jgait.estimators.waist import ofdri as direct_reverse
-from jgait.estimators.waist.ofdri import Cycles, optimum_cutoffs
+from jgait.estimators.waist import velocity_update as direct_reverse
+from jgait.estimators.waist.velocity_update import Cycles, optimum_cutoffs
 
 CYCLES, RATE_HZ = 1000, 100.0
 

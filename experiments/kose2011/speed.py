@@ -10,11 +10,9 @@ from experiments.common import protocols
 from experiments.common.row import Row
 from jgait import plot
 from jgait.estimators import waist
-from jgait.estimators.waist import velocity_update
 from jgait.estimators.waist.inputs import WaistInputs
-from jgait.estimators.waist.ofdri import Cycles
 from jgait.estimators.waist.params import WaistOptions, WaistParams
-from jgait.estimators.waist.readout import bouts_begin
+from jgait.estimators.waist.velocity_update import Cycles, bouts_begin, updated
 from jgait.plot.style import DASHED, RED, Figure, Seconds, Style, blank, check_overlap, legend, windowed
 from jgait.plot.waist import contacts_of
 from jgait.types import Estimate, Recording, as_float
@@ -95,7 +93,7 @@ def forward_speed(
     return figure
 
 
-_updated = jax.jit(velocity_update.updated)
+_updated = jax.jit(updated)
 
 
 def _covered(p: "WaistParams", inputs: "WaistInputs", forward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -19,8 +19,8 @@ from experiments.kose2011.contacts import Found
 from experiments.kose2011.walks import Pieces, Walk, Windows
 from experiments.kose2011.ways import WAYS
 from jgait.estimators.waist import WaistParams, velocity_update
-from jgait.estimators.waist.ofdri import Cycles
-from jgait.estimators.waist.velocity_update import VelocityUpdateParams
+from jgait.estimators.waist.params import VelocityUpdateParams
+from jgait.estimators.waist.velocity_update import Cycles
 from jgait.geometry.segments import in_world
 from jgait.simulate.worn import mount
 from jgait.types import as_float

@@ -10,10 +10,10 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jgait.estimators.waist import motion, readout, steps
+from jgait.estimators.waist import model, motion, velocity_update
 from jgait.estimators.waist.estimator import stated
-from jgait.estimators.waist.params import DEFAULT, WaistParams
-from jgait.estimators.waist.velocity_update import INITIAL, Covered, VelocityUpdateParams, updated
+from jgait.estimators.waist.params import DEFAULT, VelocityUpdateParams, WaistParams
+from jgait.estimators.waist.velocity_update import INITIAL, Covered, updated
 from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import root
 from jgait.types import Estimate
@@ -29,17 +29,17 @@ def integrated(p: VelocityUpdateParams, *arguments: Any, **settings: Any) -> Cov
     return updated(p._replace(threshold=0.0), *arguments, **settings)
 
 
-def by_pendulum(p: WaistParams, inputs: Any, intervals: steps.Intervals) -> readout.WaistWalk:
+def by_pendulum(p: WaistParams, inputs: Any, intervals: model.Intervals) -> model.WaistWalk:
     """Distance by the pendulum's steps alone; an interval from standing is half of the step after it."""
-    constant, constant_spread = readout.personal_constant(p, inputs, intervals)
+    constant, constant_spread = model.personal_constant(p, inputs, intervals)
     lengths = xp.where(inputs.steps, constant * intervals.pendulum, 0.0)
     beside = xp.maximum(xp.concatenate([lengths[1:], lengths[:1]]), xp.concatenate([lengths[:1], lengths[:-1]]))
     begins = inputs.moves & ~inputs.steps & ~inputs.stands
     step = xp.where(begins, 0.5 * beside, lengths)
-    variance = xp.where(inputs.moves, readout.step_variance(p, inputs, intervals), 0.0)
+    variance = xp.where(inputs.moves, model.step_variance(p, inputs, intervals), 0.0)
     distance, share = xp.cumsum(step), root(constant_spread)
-    stride, white = step + readout.earlier(step, 1), variance + readout.earlier(variance, 1)
-    return readout.WaistWalk(
+    stride, white = step + model.earlier(step, 1), variance + model.earlier(variance, 1)
+    return model.WaistWalk(
         distance=distance,
         distance_sd=root(xp.cumsum(variance) + (share * distance) ** 2),
         step=step,
@@ -59,14 +59,14 @@ THRESHOLDS = {"frozen": (math.inf, 1), "integrated": (0.0, INITIAL)}
 def run(p: WaistParams, inputs: Any, kind: str) -> Estimate:
     """As `waist.run` with default options, its distance by "pendulum" or one of `WAYS`."""
     seen = motion.motion(p, inputs, smooth=DEFAULT.smooth)
-    found = steps.intervals(p, inputs, seen)
+    found = model.intervals(p, inputs, seen)
     if kind == "pendulum":
         return stated(inputs, seen, found, by_pendulum(p, inputs, found))
     threshold, initial = THRESHOLDS[kind]
     gated = p._replace(update=p.update._replace(threshold=threshold))
-    speed, held = readout.integrated_speed(gated, inputs, seen, found, initial)
+    speed, held = velocity_update.integrated_speed(gated, inputs, seen, found, initial)
     # at the first contact the person is still setting off, and that speed is held
     known = inputs.stood & (kind != "frozen")
     held = jnp.ones_like(held) if kind == "frozen" else jnp.zeros_like(held)
     start_sd = p.start_speed_sd * jnp.where(known, 0.0, 1.0)
-    return stated(inputs, seen, found, readout.by_integration(p, inputs, found, speed, held, start_sd))
+    return stated(inputs, seen, found, velocity_update.by_integration(p, inputs, found, speed, held, start_sd))

@@ -3,7 +3,7 @@
 `python -m experiments.unseen2.learn_movements` writes `jgait/events/movements.json`. Other movements are those of
 `bodies.CHOSEN`, with seeds that the measurement does not use; walks are public ones, and simulated ones of all gaits,
 down to creeping with steps of 0.1 m. Each kind beside walking, and in it each set and each recording, has the same
-weight. A weight has the sign that `EVIDENCE` states, or is 0. One trial of `pyshoe_vicon`, whose foot stays in its
+weight. A weight has the sign that `SIGNS` states, or is 0. One trial of `pyshoe_vicon`, whose foot stays in its
 place, is left out.
 """
 
@@ -32,6 +32,9 @@ KIND_OF = {
     "cycling": "cycling", "ride": "riding",
 }  # fmt: skip
 """Movement of `CHOSEN` → its kind of `KINDS`."""
+
+SIGNS = {"leg": (-1, -1, 1, -1, 0, -1, 1), "trunk": (-1, -1, 0, 1, 1, 0, -1, -1)}
+"""Sign of what more of each evidence of `EVIDENCE` means for other movements beside walking; 0: either."""
 
 SEEDS, PEOPLE, LONGEST_S = 5, 12, 90.0
 """Number of draws of each movement, and of simulated people; [s] part of a recording that is used."""
@@ -167,7 +170,7 @@ def main() -> None:
     numbers = {}
     for group, segments in GROUPS.items():
         of = [row for row in rows if row.placement.startswith(segments)]
-        signs = list(EVIDENCE["trunk" if group == "trunk" else "leg"].values())
+        signs = SIGNS["trunk" if group == "trunk" else "leg"]
         numbers[group] = [json.dumps(line) for line in np.round(fitted(of, signs), 3).tolist()]
     sources = sorted({row.source for row in rows})
     text = ",\n".join(

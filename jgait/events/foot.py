@@ -48,17 +48,6 @@ WORSE = 3.0
 """[1] Largest ratio of the rate of a first or last stance to that of its neighbour; above it, the recording cuts a
 swing there."""
 
-TAIL, WRONG, RESTLESS, RESTLESS_RAD_PER_M = 3.0, 3e-4, 2.5, 3.0
-"""[1], [1], [1], [rad/m] The likelihood of the velocity in stance over that in swing is (1 + (v / scale)² / 4) to the
-power −`TAIL`, the tail of Student's t, plus `WRONG`; that of the `unrest` is the power −`RESTLESS` of its ratio to
-`RESTLESS_RAD_PER_M` times the largest velocity. Learned from 1248 valleys of `footprints`, `pyshoe_vicon`,
-`neura_sparse`, `gaitmap_example` and two simulated walks; on `ipol_gait` 2 of 1290 swings have a stance, and 6 stances
-are missed."""
-
-SETTLED, SETTLES_S = 0.3, 0.35
-"""A foot that comes down flat and softly still moves without turning. Its stance begins later, by at most `SETTLES_S`
-[s], where `unrest` exceeds `SETTLED` [rad/s] and ten times the unrest that follows."""
-
 SLOW_STILL = 0.15
 """[rad/s] Largest `unrest` in a rest between slow steps, in which a foot never turns as fast as `SWING`."""
 
@@ -106,7 +95,7 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
     rows = []
     borders = np.concatenate([[-1], valleys, [len(rate)]])
     for before, at, after in zip(borders[:-2], valleys, borders[2:], strict=True):
-        if slow := _slow(restless, _between_swings(rate, before + 1, at, after), sampling_rate_hz):
+        if slow := _slow(rate, restless, at, (before + 1, after), sampling_rate_hz):
             rows += slow
             continue
         first, last = _around(rate, at, (before + 1, after), max(STILL, ABOVE * rate[at]))
@@ -114,9 +103,9 @@ def stances(gyr: Float[AnyArray, "time 3"], acc: Float[AnyArray, "time 3"], samp
         last = max(last - before_end, at) if last < len(rate) - 1 else last
         middle = first + int(np.argmin(restless[first : last + 1]))
         first, last = _around(restless, middle, (first, last + 1), max(STILL, ABOVE * restless[middle]))
-        soft = restless[first : min(first + round(SETTLES_S * sampling_rate_hz), middle)] > max(
-            SETTLED, 10.0 * restless[middle]
-        )
+        # a foot that comes down flat and softly still moves without turning, for at most 0.35 s
+        landing = restless[first : min(first + round(0.35 * sampling_rate_hz), middle)]
+        soft = landing > max(0.3, 10.0 * restless[middle])  # [rad/s]
         first += int(np.flatnonzero(soft)[-1]) + 1 if first > 0 and soft.any() else 0
         rows.append((first, last + 1, middle))
     places = np.array(rows, int).reshape(-1, 3)
@@ -131,7 +120,10 @@ def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_
     """(n,) bool, stances (start, end, stillest) in which the foot moves, and that are more restless than moving ones
     beside them, whose velocity follows from these; `force` (T, 3) is the integral of the specific force [m/s].
     """
-    # a stance beside is at rest at its sample that is nearest to `stillest`, and less than 1.6 s away if possible
+    # A stance beside is at rest at its sample that is nearest to `stillest`, and less than 1.6 s away if possible. The
+    # likelihood of the velocity has the tail of Student's t, that of the unrest is a power of its ratio to the largest
+    # velocity. The numbers were learned from 1248 valleys of `footprints`, `pyshoe_vicon`, `neura_sparse`,
+    # `gaitmap_example` and two simulated walks; 2 of 1290 swings of `ipol_gait` have a stance, 6 stances are missed.
     unrest_if_moving, reach = np.zeros(len(rows) + 2), round(1.6 * sampling_rate_hz)
     for k, ((_, left, before), (_, _, at), (enters, _, after)) in enumerate(
         zip(rows, rows[1:], rows[2:], strict=False)
@@ -142,9 +134,9 @@ def _moving(rows: np.ndarray, restless: np.ndarray, force: np.ndarray, sampling_
         velocity = force[a : b + 1] - force[a] - np.linspace(0.0, 1.0, b - a + 1)[:, None] * (force[b] - force[a])
         speed = np.linalg.norm(velocity, axis=1)
         scale = np.hypot(0.05, 0.04 * speed.max())  # [m/s], [1]
-        turns = np.clip(restless[at], 0.05, STANCE) / (RESTLESS_RAD_PER_M * (speed.max() + 0.1))
-        stands = (1.0 + 0.25 * (speed[at - a] / scale) ** 2) ** -TAIL + WRONG
-        if RESTLESS * np.log(turns) > np.log(stands):
+        turns = np.clip(restless[at], 0.05, STANCE) / (3.0 * (speed.max() + 0.1))  # [rad/m]
+        stands = (1.0 + 0.25 * (speed[at - a] / scale) ** 2) ** -3.0 + 3e-4
+        if 2.5 * np.log(turns) > np.log(stands):
             unrest_if_moving[k + 2] = restless[at]
     here = unrest_if_moving[1:-1]
     return (here > 0.0) & (here >= unrest_if_moving[:-2]) & (here > unrest_if_moving[2:])
@@ -170,15 +162,14 @@ def _apart(rows: np.ndarray, rate: np.ndarray, sampling_rate_hz: float) -> np.nd
     return rows
 
 
-def _between_swings(rate: np.ndarray, first: int, at: int, end: int) -> tuple[int, int]:
-    """First sample and one past the last of the stretch around the sample `at` without a swing."""
-    before, after = np.flatnonzero(rate[first:at] > SWING), np.flatnonzero(rate[at:end] > SWING)
-    return (first + before[-1] + 1 if before.size else first, at + after[0] if after.size else end)
-
-
-def _slow(restless: np.ndarray, stretch: tuple[int, int], sampling_rate_hz: float) -> list[tuple[int, int, int]]:
-    """Start, end and stillest sample of the stances of a foot that moves slowly, see `SLOW_STILL`; else none."""
-    first, end = stretch
+def _slow(
+    rate: np.ndarray, restless: np.ndarray, at: int, within: tuple[int, int], sampling_rate_hz: float
+) -> list[tuple[int, int, int]]:
+    """Start, end and stillest sample of the stances of a foot that moves slowly (see `SLOW_STILL`) in the stretch
+    without a swing around the sample `at`; else none.
+    """
+    first, last = _around(rate, at, within, SWING)
+    end = last + 1
     if end - first <= 1.5 * sampling_rate_hz:
         return []
     part, rows, edge = restless[first:end], [], round(0.1 * sampling_rate_hz)

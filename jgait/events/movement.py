@@ -6,8 +6,8 @@ is accelerated up and forward with the steps, forward a quarter of a step before
 computed in windows and without knowing the axes of a sensor.
 
 Given a movement k of `KINDS`, the evidence φ of a sensor has the log odds a + Σ b φ over walking, with weights learned
-for `movements.json`. `EVIDENCE` states whether more of φ makes walking more or less likely. Sensors add their log odds;
-a chain in which movements seldom change turns them into probabilities.
+for `movements.json`. Sensors add their log odds; a chain in which movements seldom change turns them into
+probabilities.
 """
 
 import json
@@ -31,7 +31,8 @@ KINDS = {
 """Movements, and how a note states them."""
 
 STEP_S, GRID_S, WINDOW_S = 0.05, 0.25, 3.2
-"""[s] Interval of the times of an `Activity`, interval at which evidence is computed, and window of the evidence."""
+"""[s] Interval of the times of an `Activity`, interval at which evidence is computed, and window of the evidence: some
+strides. Chosen by hand."""
 
 LEVERS = {"foot": 0.05, "ankle": 0.1, "shank": 0.3}
 """[m] Usual height of a sensor over the point about which the segment turns while its foot stands."""
@@ -39,9 +40,6 @@ LEVERS = {"foot": 0.05, "ankle": 0.1, "shank": 0.3}
 CALM_S = 0.1
 """[s] Window of the unrest of a sensor on a leg. It has a third part here, the difference of the specific force's size
 from gravity."""
-
-AROUND_S, BETWEEN_S = 0.9, 0.25
-"""[s] A foot stands where the unrest is least within `BETWEEN_S`, and small beside the largest within `AROUND_S`."""
 
 QUIET_S = 0.4
 """[s] A sensor is at rest if its unrest is small for so long; that of a trunk, which moves less, is over as long a
@@ -55,20 +53,14 @@ CARRIED_S = 1.0
 """[s] Time within which the mean force changes more than the turn explains, of a person at rest who is carried, as by a
 treadmill's belt that starts."""
 
-CHANGE, TEMPER = 0.08, 0.15
-"""[1] Probability that a movement ends within `GRID_S`, and weight of the evidence of one window beside others, which
-share most of its samples."""
-
 WALKS = 0.1
 """[1] Least probability with which a movement is taken for walking."""
 
 EVIDENCE = {
-    "leg": {"straight": -1, "turn": -1, "calm": 1, "unrest": -1, "path": 0, "skew": -1, "pull": 1},
-    "trunk": {
-        "surge": -1, "quarter": -1, "rhythm": 0, "lean": 1, "slow": 1, "heave": 0, "level": -1, "spin": -1,
-    },
-}  # fmt: skip
-"""Segment → its evidence, and the sign of what more of it means for other movements beside walking; 0: either.
+    "leg": ("straight", "turn", "calm", "unrest", "path", "skew", "pull"),
+    "trunk": ("surge", "quarter", "rhythm", "lean", "slow", "heave", "level", "spin"),
+}
+"""Segment → its evidence, in the order of the weights.
 
 | leg | |
 |---|---|
@@ -134,14 +126,18 @@ def movement(recording: Recording) -> Activity | None:
         quiet &= np.interp(time, as_float(imu.time), around) < limit
         if segment:
             carried &= np.interp(time, as_float(imu.time), _carried(imu, around < limit, rate)) > 0.5
-            at, odds = of_sensor(placement, imu, rate)
+            site = placement.partition("_")[0]
+            at, evidence, known = of_leg(imu, rate, LEVERS[site]) if segment == "leg" else of_trunk(imu, rate)
+            numbers = weights()[site if site in weights() else segment]
+            rows = np.stack([evidence[name] for name in EVIDENCE[segment]], axis=1)
+            odds = np.where(known[:, None], numbers[0] + rows @ numbers[1:], 0.0)
             lost = np.interp(at, as_float(imu.time) - imu.time[0], _lost(measured, WINDOW_S, rate))
             grids.append((at + float(imu.time[0]), np.where((lost > 0.1)[:, None], 0.0, odds)))
     if not grids:
         return None
     at = np.arange(begin, end, GRID_S)
     odds = np.sum([[np.interp(at, when, column) for column in rows.T] for when, rows in grids], axis=0).T
-    chance = smoothed(TEMPER * odds)
+    chance = smoothed(0.15 * odds)  # windows share most of their samples with those beside them
     nearest = np.clip(np.rint((time - begin) / GRID_S).astype(int), 0, len(at) - 1)
     return Activity(
         time, quiet & ~carried, quiet & carried, {kind: chance[nearest, number] for number, kind in enumerate(KINDS)}
@@ -185,18 +181,10 @@ def segment_of(placement: str) -> str:
     return "leg" if placement.partition("_")[0] in LEVERS else ""
 
 
-def of_sensor(placement: str, imu: Imu, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times (G,) from the first sample [s], and log odds of each movement (G, K) over walking, 0 without evidence."""
-    segment = segment_of(placement)
-    site = placement.partition("_")[0]
-    at, evidence, known = of_leg(imu, rate, LEVERS[site]) if segment == "leg" else of_trunk(imu, rate)
-    numbers = weights()[site if site in weights() else segment]
-    rows = np.stack([evidence[name] for name in EVIDENCE[segment]], axis=1)
-    return at, np.where(known[:, None], numbers[0] + rows @ numbers[1:], 0.0)
-
-
-def smoothed(odds: np.ndarray) -> np.ndarray:
-    """(G, K) probabilities from log likelihoods (G, K), up to one common number a row, if movements seldom change."""
+def smoothed(odds: np.ndarray, change: float = 0.08) -> np.ndarray:
+    """(G, K) probabilities from log likelihoods (G, K), up to one common number a row, if a movement ends with the
+    probability `change` within `GRID_S`.
+    """
     count = odds.shape[1]
     likely = np.exp(odds - odds.max(axis=1, keepdims=True))
     both = []
@@ -205,7 +193,7 @@ def smoothed(odds: np.ndarray) -> np.ndarray:
         for row in way:
             rows.append(belief)
             belief = belief * row
-            belief = (1.0 - CHANGE) * belief / belief.sum() + CHANGE / count
+            belief = (1.0 - change) * belief / belief.sum() + change / count
         both.append(np.array(rows))
     chance = both[0] * both[1][::-1] * likely
     return np.asarray(chance / chance.sum(axis=1, keepdims=True))
@@ -214,15 +202,6 @@ def smoothed(odds: np.ndarray) -> np.ndarray:
 def attitudes(gyr: np.ndarray, acc: np.ndarray, rate: float) -> np.ndarray:
     """(T, 3, 3) rotations to the axes of the first sample."""
     return np.stack([as_array(row) for row in matrix_rows(integrated(gyr, acc, rate)[0])], axis=1)
-
-
-def standing_instants(restless: np.ndarray, rate: float) -> np.ndarray:
-    """Samples at which the foot of a leg stands, from the unrest (T,) of a sensor on the leg."""
-    near = window_size(2.0 * BETWEEN_S, rate)
-    most = window_maximum(restless, window_size(2.0 * AROUND_S, rate))
-    least = -window_maximum(-restless, near)
-    at = np.flatnonzero((restless <= least) & (restless < np.maximum(0.28 * most, 0.6)))
-    return at[np.diff(at, prepend=-near) > near // 2]
 
 
 type Evidence = tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]
@@ -238,7 +217,11 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     samples, calm = len(gyr), window_size(CALM_S, rate)
     accelerated = held_mean(np.linalg.norm(acc, axis=1) - GRAVITY, calm)
     restless = np.hypot(unrest(gyr, acc, calm), accelerated / JOLT)
-    at = standing_instants(restless, rate)
+    # the foot stands where the unrest is the least within 0.25 s, and small beside the largest within 0.9 s
+    near = window_size(0.5, rate)
+    limit = np.maximum(0.28 * window_maximum(restless, window_size(1.8, rate)), 0.6)
+    at = np.flatnonzero((restless <= -window_maximum(-restless, near)) & (restless < limit))
+    at = at[np.diff(at, prepend=-near) > near // 2]
     turns = attitudes(gyr, acc, rate)
     force, spin = (np.einsum("tij,tj->ti", turns, values) for values in (acc, gyr))
     edges = np.unique(np.concatenate([[0], at, [samples - 1]]))

@@ -16,26 +16,28 @@ from jgait.signal.windows import held_mean, held_spread, true_runs, window_maxim
 from jgait.types import AnyArray, Imu, as_float
 
 LEGS_RATE = 0.25
-"""[rad/s] Threshold on the fastest leg gyroscope while a person stands; twice as much is accepted if nothing is slower,
-and a note of the estimator names the leg that moves."""
+"""[rad/s] Threshold on the fastest leg gyroscope while a person stands, or on one shank between its swings; twice as
+much is accepted if nothing is slower, and a note of the estimator names the leg that moves. Chosen by hand."""
 
 LEGS_WINDOW_S = 0.25
-"""[s] Time before and after a sample in which all leg gyroscopes must stay below the threshold."""
+"""[s] Time before and after a sample in which all leg gyroscopes must stay below the threshold. Chosen by hand."""
 
 LEGS_SHORTEST_S = 0.5
-"""[s] Shortest standing that can calibrate a leg."""
+"""[s] Shortest standing that can calibrate a leg, and shortest rest of a shank in a pause. Chosen by hand."""
 
 JOLT = 5.0
-"""[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s in `unrest`."""
+"""[m/s²] Spread of the specific force that weighs as much as an angular rate of 1 rad/s in `unrest`. Chosen by hand."""
 
 TRUNK_RATE = 0.12
-"""[rad/s], [m/s²] Thresholds on the spread of the trunk's angular rate and specific force while a person stands."""
+"""[rad/s] Threshold on the spread of the trunk's angular rate, and on its mean, while a person stands. Chosen by
+hand."""
 
 LEAST_REST_S = 2.0
 """[s] Shortest rest from which the bias of the trunk's gyroscope is computed; a shorter rest gives a worse bias."""
 
 BRIDGED_S = 0.1
-"""[s] Longest loss of samples that does not end a rest."""
+"""[s] Longest loss of samples that is bridged: it does not end a rest, and rates of a leg are interpolated over it; a
+swing lasts 0.4 s. Chosen by hand."""
 
 
 class Rest(NamedTuple):
@@ -149,11 +151,6 @@ class TrunkRest(NamedTuple):
     time: float
     first: np.ndarray  #: (3,) upward vertical in the trunk's axes, at the rest that begins in the first second [1].
     notes: tuple[Note, ...]  #: notes on the rests.
-
-    @classmethod
-    def none(cls, samples: int) -> "TrunkRest":
-        """The result for a recording without rest."""
-        return cls(np.zeros(samples, bool), np.zeros(3), 1.0, 0.0, np.array([0.0, 0.0, 1.0]), ())
 
 
 def trunk_rest(imu: Imu, rows: np.ndarray, mask: np.ndarray, rate: float) -> TrunkRest:

@@ -34,31 +34,32 @@ from jaxtyping import Bool, PyTree
 from jgait.signal import butterworth
 from jgait.types import Flags, Scalar, Values
 
-FLAT, TOE_OFF, SWING, HEEL_STRIKE = 0, 1, 2, 3
+FLAT, TOE_OFF, SWING, HEEL_STRIKE = range(4)
 """States of the paper's machine."""
 
 RATES = (25.0, 400.0)
-"""[Hz] Sampling rates for which the detectors are meant."""
+"""[Hz] Sampling rates for which the detectors are meant; lower ones lose the jolts of contacts. Chosen by hand."""
 
 
 class Detector(NamedTuple):
-    """Settings of both detectors."""
+    """Settings of both detectors; the defaults are those of the detector of swings."""
 
-    cutoff_hz: Values  #: cut-off of the low-pass filter [Hz]; causal for `phases`, both ways for `swings`.
-    threshold: Values  #: least peak rate of a push-off (`phases` only) and of a swing [rad/s].
-    least_angle: Values = 0.0  #: least angle of a swing [rad]; `swings` only.
-    rest_share: Values = 0.0  #: share of a swing's peak rate below which the shank may be at rest [1]; 0: never.
+    cutoff_hz: Values = 6.0  #: cut-off of the low-pass filter [Hz]; causal for `phases`, both ways for `swings`.
+    #: least peak rate of a push-off (`phases` only) and of a swing [rad/s].
+    threshold: Values = np.deg2rad(70.0)
+    least_angle: Values = np.deg2rad(13.0)  #: least angle of a swing [rad]; `swings` only.
+    rest_share: Values = 0.1  #: share of a swing's peak rate below which the shank may be at rest [1]; 0: never.
     rest_s: Values = 0.15  #: time for which the rate must stay below that share [s].
 
 
-PAPER = Detector(cutoff_hz=4.0, threshold=np.deg2rad(50.0))
-"""The paper's machine: 4 Hz, 50°/s, the swing ends at the zero crossing alone."""
-
-MACHINE = PAPER._replace(rest_share=0.1)
-"""The machine that also detects the end of a swing when the foot stops."""
-
-LOBES = Detector(cutoff_hz=6.0, threshold=np.deg2rad(70.0), least_angle=np.deg2rad(13.0), rest_share=0.1)
+LOBES = Detector()
 """The detector of swings."""
+
+MACHINE = LOBES._replace(cutoff_hz=4.0, threshold=np.deg2rad(50.0))
+"""The paper's machine, at 4 Hz and 50°/s, that also detects the end of a swing when the foot stops (deviation 3)."""
+
+PAPER = MACHINE._replace(rest_share=0.0)
+"""The paper's machine: the swing ends at the zero crossing alone."""
 
 
 class ShankEvents(NamedTuple):
@@ -96,23 +97,14 @@ def begin(rate: ArrayLike, time: ArrayLike) -> ShankState:
     return ShankState(none + FLAT, none, x, t, t, t, nothing, nothing, t, no)
 
 
-class _Sample(NamedTuple):
-    """Change of the rate from the previous sample to this one."""
-
-    maximum: Flags
-    minimum: Flags
-    crossing: Flags
-    zero: Flags
-    rising: Flags
-
-
-def _look(s: ShankState, x: Scalar, t: Scalar) -> _Sample:
+def _look(s: ShankState, x: Scalar, t: Scalar) -> tuple[Flags, Flags, Flags, Values, PyTree]:
+    """Whether the previous sample was a maximum or a minimum; whether the rate crosses zero, and when; and `rising`."""
     change = x - s.rate
     rising = jnp.where(change > 0.0, 1, jnp.where(change < 0.0, -1, s.rising)).astype(jnp.int32)
     crossing = (x >= 0.0) != (s.rate >= 0.0)
     share = jnp.where(crossing, s.rate / jnp.where(crossing, s.rate - x, 1.0), 0.0)
     zero = s.time + share * (t - s.time)
-    return _Sample((s.rising == 1) & (rising == -1), (s.rising == -1) & (rising == 1), crossing, zero, rising)
+    return (s.rising == 1) & (rising == -1), (s.rising == -1) & (rising == 1), crossing, zero, rising
 
 
 def _swing_on(d: Detector, s: ShankState, x: Scalar, t: Scalar) -> tuple[ShankState, Bool[Array, ""]]:
@@ -141,41 +133,39 @@ def phase_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> 
     The rate is the filtered sagittal rate, the forward swing negative [rad/s], the time that of the sample [s].
     """
     x, t = jnp.asarray(rate), jnp.asarray(time)
-    extremum = _look(s, x, t)
+    maximum, minimum, crossing, zero, rising = _look(s, x, t)
     swung, resting = _swing_on(d, s, x, t)
     flat, toe_off, swing, heel = (s.phase == p for p in (FLAT, TOE_OFF, SWING, HEEL_STRIKE))
-    leaves = flat & extremum.maximum & (s.rate > d.threshold)
-    swings_now = (leaves | toe_off) & extremum.crossing
-    over = swing & (extremum.crossing | resting)
+    leaves = flat & maximum & (s.rate > d.threshold)
+    swings_now = (leaves | toe_off) & crossing
+    over = swing & (crossing | resting)
     stride = over & (swung.peak > d.threshold)
-    end = jnp.where(extremum.crossing, extremum.zero, swung.slack)
+    end = jnp.where(crossing, zero, swung.slack)
     phase = jnp.where(leaves, TOE_OFF, s.phase)
-    phase = jnp.where(toe_off & extremum.minimum & ~extremum.crossing, FLAT, phase)
+    phase = jnp.where(toe_off & minimum & ~crossing, FLAT, phase)
     phase = jnp.where(swings_now, SWING, phase)
     phase = jnp.where(over, jnp.where(stride, HEEL_STRIKE, FLAT), phase)
-    phase = jnp.where(heel & extremum.maximum, FLAT, phase).astype(jnp.int32)
+    phase = jnp.where(heel & maximum, FLAT, phase).astype(jnp.int32)
     after = ShankState(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
-    push_off = jnp.where(leaves | (toe_off & extremum.maximum), s.time, s.push_off)
-    after = after._replace(phase=phase, rising=extremum.rising, rate=x, time=t, push_off=push_off)
-    return _fresh(after, swings_now, extremum.zero), ShankEvents(
-        stride, s.push_off, s.start, end, swung.peak, swung.angle
-    )
+    push_off = jnp.where(leaves | (toe_off & maximum), s.time, s.push_off)
+    after = after._replace(phase=phase, rising=rising, rate=x, time=t, push_off=push_off)
+    return _fresh(after, swings_now, zero), ShankEvents(stride, s.push_off, s.start, end, swung.peak, swung.angle)
 
 
 def swing_step(d: Detector, s: ShankState, rate: ArrayLike, time: ArrayLike) -> tuple[ShankState, ShankEvents]:
     """One sample of the detector of swings; arguments and result as in `phase_step`."""
     x, t = jnp.asarray(rate), jnp.asarray(time)
-    extremum = _look(s, x, t)
+    _, _, crossing, zero, rising = _look(s, x, t)
     swung, resting = _swing_on(d, s, x, t)
     swing = s.phase == SWING
-    starts = (x < 0.0) & ~swing & extremum.crossing
+    starts = (x < 0.0) & ~swing & crossing
     over = swing & ((x >= 0.0) | resting)
     stride = over & (swung.peak > d.threshold) & (swung.angle > d.least_angle)
-    end = jnp.where(extremum.crossing, extremum.zero, swung.slack)
+    end = jnp.where(crossing, zero, swung.slack)
     phase = jnp.where(starts, SWING, jnp.where(over, FLAT, s.phase)).astype(jnp.int32)
     after = ShankState(*(jnp.where(swing, new, old) for new, old in zip(swung, s, strict=True)))
-    after = after._replace(phase=phase, rising=extremum.rising, rate=x, time=t)
-    return _fresh(after, starts, extremum.zero), ShankEvents(stride, s.start, s.start, end, swung.peak, swung.angle)
+    after = after._replace(phase=phase, rising=rising, rate=x, time=t)
+    return _fresh(after, starts, zero), ShankEvents(stride, s.start, s.start, end, swung.peak, swung.angle)
 
 
 def check_rate(sampling_rate_hz: float) -> None:

@@ -17,28 +17,23 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float, PyTree, Shaped
 
+from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S
 from jgait.signal.windows import true_runs
 from jgait.types import AnyArray, Flags, Values, as_float
 
 PAUSE_S = 1.5
-"""[s] A longer time between two swings is a pause, if the shank rests in it."""
-
-RESTS_S = 0.5
-"""[s] Shortest rest of a shank in a pause."""
-
-STILL = 0.25
-"""[rad/s] Threshold on the norm of the rate: a shank that turns more slowly is still."""
+"""[s] A longer time between two swings is a pause, if the shank rests in it; a stance lasts 0.7 s. Chosen by hand."""
 
 RESTS = 1.5
 """[rad/s] Largest norm of the rate in a valley; shanks of recorded walks reach 1.4."""
 
 SWINGS = 1.0
 """[rad/s] Forward rate above which a shank swings before the first or after the last whole swing; at the very end of
-the recording the limit is `STILL`. Beside a rest the norm of the rate must also exceed `RESTS`, because a shank that
-straightens up is as fast."""
+the recording the limit is `LEGS_RATE`. Beside a rest the norm of the rate must also exceed `RESTS`, because a shank
+that straightens up is as fast. Chosen by hand."""
 
 CUTOFF_HZ = 4.0
-"""[Hz] Cut-off of the low-pass filter of the rates, applied both ways."""
+"""[Hz] Cut-off of the low-pass filter of the rates, applied both ways: that of the paper's machine."""
 
 
 class ShankStances(NamedTuple):
@@ -91,11 +86,8 @@ def stances(
 
 def _pauses(norm: np.ndarray, rate_hz: float) -> bool:
     """Whether the time between two swings, with this norm of the rate, is a pause."""
-    if len(norm) <= PAUSE_S * rate_hz:
-        return False
-    return any(
-        stop - start >= RESTS_S * rate_hz for start, stop in true_runs(norm < 0.1)
-    )  # [rad/s] in a very slow step a shank keeps turning
+    rests = true_runs(norm < 0.1)  # [rad/s] in a very slow step a shank keeps turning
+    return len(norm) > PAUSE_S * rate_hz and any(stop - start >= LEGS_SHORTEST_S * rate_hz for start, stop in rests)
 
 
 def _valley(x: np.ndarray, norm: np.ndarray, low: int, high: int) -> int:
@@ -121,9 +113,9 @@ def _at_end(
     near = int(0.1 * rate_hz)
     if limit is None:
         beside = norm[swing:] if way > 0 else norm[swing::-1]
-        rest = next((a for a, b in true_runs(beside < STILL) if b - a >= RESTS_S * rate_hz), None)
+        rest = next((a for a, b in true_runs(beside < LEGS_RATE) if b - a >= LEGS_SHORTEST_S * rate_hz), None)
         until = swing + way * np.arange(min(len(beside) if rest is None else rest, int(PAUSE_S * rate_hz) + 1))
-        turns = (x[until] < -np.where(until == edge, STILL, SWINGS)) & ((rest is None) | (norm[until] > RESTS))
+        turns = (x[until] < -np.where(until == edge, LEGS_RATE, SWINGS)) & ((rest is None) | (norm[until] > RESTS))
         swings = np.flatnonzero(turns[near:])
         stance = until[: near + swings[0]] if len(swings) else until[:0]
         stance = stance[x[stance] >= 0.0]
@@ -135,7 +127,7 @@ def _at_end(
     if len(index) == 0:
         return edge, True, False
     rates = norm[index]
-    first_still = int(np.argmax(rates < max(STILL, 1.2 * float(rates.min()))))
+    first_still = int(np.argmax(rates < max(LEGS_RATE, 1.2 * float(rates.min()))))
     at = int(index[first_still])
     outside = (
         norm[min(at, edge - near) : at + near + 1] if way > 0 else norm[max(at - near, 0) : max(at, edge + near) + 1]

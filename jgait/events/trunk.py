@@ -55,15 +55,6 @@ from jgait.signal import butterworth, wavelet
 from jgait.signal.windows import between_samples, moving_mean, vertex, window_size
 from jgait.types import AnyArray, Flags, Scalar, Values
 
-ROWS = 4.0
-"""[Hz] Rows of the result for every second; further contacts are left out."""
-
-SEARCHED_S = 0.2
-"""[s] Longest time between the coarse instant and its contact, before or after."""
-
-GRID = 0.01
-"""[s] Time between the instants of the soft argmax; the same for every sampling rate, which then hardly matters."""
-
 PAPER_RATE = 100.0
 """[Hz] Sampling rate of the paper's wavelet; recordings with another rate are interpolated to it."""
 
@@ -195,24 +186,15 @@ def cues(
     return columns / xp.sqrt(power + 1.0**2)  # the score of standing still is finite
 
 
-def instants(
-    forward: AnyArray, upward: AnyArray, sampling_rate_hz: float, coarse: AnyArray, step_frequency: AnyArray,
-    settings: Soft = SOFT, mask: AnyArray | None = None,
-) -> AnyArray:  # fmt: skip
-    """The contact near each coarse instant: (n,) times from the first sample on [s], from accelerations (T,) without
-    gravity [m/s²], coarse instants (n,) [s] and step frequencies (n,) [Hz]; where `mask` is False a sample does not
-    count.
-    """
-    score = cues(forward, upward, sampling_rate_hz, settings.cutoff_hz, mask)
-    return located(score, sampling_rate_hz, coarse, step_frequency, settings)
-
-
 def located(
     score: AnyArray, sampling_rate_hz: float, coarse: AnyArray, step_frequency: AnyArray, settings: Soft = SOFT
 ) -> AnyArray:
-    """`instants` from `cues` (T, 3), whose cut-off has been applied."""
+    """The contact near each coarse instant (n,) [s]: times from the first sample on, from `cues` (T, 3) with the
+    cut-off of the settings, and step frequencies (n,) [Hz].
+    """
     about, last = xp.asarray(coarse, score.dtype), score.shape[0] - 1
-    later = np.asarray(GRID * np.arange(-round(SEARCHED_S / GRID), round(SEARCHED_S / GRID) + 1), score.dtype)
+    # [s] up to a fifth of a second before and after; the same for every sampling rate, which then hardly matters
+    later = np.asarray(0.01 * np.arange(-20, 21), score.dtype)
     place = (about[:, None] + later[None, :]) * sampling_rate_hz
     cues_at = between_samples(score, place)
     aside = (later - settings.centre) / settings.width
@@ -223,18 +205,6 @@ def located(
     late = (weight * later[None, :]).sum(axis=1) / weight.sum(axis=1)
     step = 1.0 / xp.maximum(xp.asarray(step_frequency, score.dtype), 0.1)
     return about + late - settings.offset - settings.loading * step
-
-
-class Cue(NamedTuple):
-    """One sign of the side of a contact."""
-
-    begin: float  #: begin of the part of the step from which the cue is computed, after the contact [steps].
-    end: float  #: its end [steps].
-    exchanged: float  #: share of people in whom left and right are exchanged [1].
-
-
-SWAY, DROP, TURN = Cue(0.0, 1.0, 1 / 16), Cue(0.0, 0.3, 1 / 16), Cue(0.4, 1.4, 1 / 4)
-"""The three cues. No person of 14 has sway or drop exchanged (1/16 by Laplace's rule), three the turn."""
 
 
 def sides(
@@ -249,14 +219,16 @@ def sides(
     [s], step frequencies [Hz] and validity of contacts are (n,); other arguments are those of `initial_contacts`.
     """
     at, f, there = time, frequency, valid
-    known = [(yaw_rate, TURN)]
-    known += [] if leftward is None else [(-leftward, SWAY)]
-    known += [] if roll_rate is None else [(roll_rate, DROP)]
-    says = xp.stack([_leans(signal, at, f, there, sampling_rate_hz, cue) for signal, cue in known])
+    # signal, its part of the step after the contact [steps], and the share of people in whom left and right are
+    # exchanged: no person of 14 has sway or drop exchanged (1/16 by Laplace's rule), three the turn
+    known = [(yaw_rate, (0.4, 1.4), 1 / 4)]
+    known += [] if leftward is None else [(-leftward, (0.0, 1.0), 1 / 16)]
+    known += [] if roll_rate is None else [(roll_rate, (0.0, 0.3), 1 / 16)]
+    says = xp.stack([_leans(signal, at, f, there, sampling_rate_hz, part) for signal, part, _ in known])
     both_ways = [xp.stack([v, v[..., ::-1]]) for v in (at, f, says, there)]
     before, after = as_given(_chains(*both_ways), *both_ways)
     after = after[:, ::-1]
-    kept = np.asarray([1.0 - 2.0 * cue.exchanged for _, cue in known], at.dtype)[:, None]
+    kept = np.asarray([1.0 - 2.0 * exchanged for *_, exchanged in known], at.dtype)[:, None]
     return 2.0 * xp.arctanh(kept * xp.tanh(0.5 * (before + says + after))).sum(axis=0)
 
 
@@ -282,11 +254,12 @@ def _chains(time: Array, frequency: Array, says: Array, valid: Array) -> Array:
     return jax.vmap(chain)(time, frequency, says, valid)
 
 
-def _leans(signal: AnyArray, at: AnyArray, f: AnyArray, there: AnyArray, rate: float, cue: Cue) -> AnyArray:
+def _leans(
+    signal: AnyArray, at: AnyArray, f: AnyArray, there: AnyArray, rate: float, part: tuple[float, float]
+) -> AnyArray:
     """(n,) log odds from one cue at each contact alone, see `sides`; `signal` (T,) is greater after left contacts."""
     total = xp.cumsum(signal - signal.mean()) / rate
-    part = np.asarray([cue.begin, cue.end], signal.dtype)
-    steps = np.arange(-1, 2, dtype=signal.dtype)[:, None] + part[None, :]
+    steps = np.arange(-1, 2, dtype=signal.dtype)[:, None] + np.asarray(part, signal.dtype)[None, :]
     place = rate * (at[None, None] + steps[..., None] / f[None, None])
     begun, ended = xp.moveaxis(between_samples(total, place), 1, 0)
     gained = ended - begun
@@ -317,7 +290,8 @@ def initial_contacts(
         roll_rate: (T,) about the walking direction, the left side rising [rad/s], finite; None: not known.
 
     Returns:
-        The contacts, times from the first sample on, `ROWS` rows for every second; without walking no row is valid.
+        The contacts, times from the first sample on, four rows for every second; further contacts are left out.
+        Without walking no row is valid.
 
     Raises:
         ValueError: signals not of one length of at least 10 samples, or a sampling rate that is not supported.
@@ -335,16 +309,17 @@ def initial_contacts(
     ahead, up = signals["forward"], signals["upward"]
     rate = float(sampling_rate_hz)
     aside = signals.get("leftward", xp.zeros_like(up))
-    rows = int(ROWS * ahead.shape[0] / rate) + 2
+    rows = int(4.0 * ahead.shape[0] / rate) + 2
     rhythm = _decided(contacts_nearby(ahead, up, aside, rate, rows))
     if isinstance(settings, PaperRule):
         time = as_given(_paper(ahead, up, counts, rhythm, rate, settings), ahead)
     elif isinstance(settings, Peaks):
         time = _peaks(rhythm, rate) - settings.offset
     else:
-        time = instants(ahead, up, rate, rhythm.time, rhythm.frequency, settings, counts)
-    cues = (signals["yaw_rate"], signals.get("leftward"), signals.get("roll_rate"))
-    odds = _decided(sides(rhythm.time, rhythm.frequency, rhythm.valid, rate, *cues))
+        score = cues(ahead, up, rate, settings.cutoff_hz, counts)
+        time = located(score, rate, rhythm.time, rhythm.frequency, settings)
+    of_sides = (signals["yaw_rate"], signals.get("leftward"), signals.get("roll_rate"))
+    odds = _decided(sides(rhythm.time, rhythm.frequency, rhythm.valid, rate, *of_sides))
     side, certainty = (odds > 0.0).astype(np.int32), xp.tanh(0.5 * xp.abs(odds))
     contacts = Contacts(time, side, rhythm.valid, rhythm.time, rhythm.frequency, certainty)
     return Contacts(*(xp.where(rhythm.valid, field, xp.zeros_like(field)) for field in contacts))

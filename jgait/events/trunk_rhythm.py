@@ -25,17 +25,12 @@ from jgait.signal import butterworth
 from jgait.signal import windows as signal
 from jgait.types import AnyArray, Flags, Values
 
-HOP, MEMORY = 1.0, 2.5
-"""[s] Time between windows of a step frequency, standard deviation of the Gaussian that smooths over time."""
-
 SLOWEST = 0.8
-"""[Hz] Least step frequency of the search."""
+"""[Hz] Least step frequency of the search. Chosen by hand."""
 
 CUTOFFS = np.array([0.5, *np.geomspace(1.1, 5.0, 6)])
-"""[Hz] Cut-offs of the low-pass filters; a filter with a changing cut-off is interpolated between them."""
-
-NEAREST = 0.65
-"""[steps] Least time from a contact to a closing step, and from it to the next contact."""
+"""[Hz] Cut-offs of the low-pass filters; a filter with a changing cut-off is interpolated between them. The outermost
+are the band of walking."""
 
 
 class Rhythm(NamedTuple):
@@ -58,8 +53,7 @@ def step_frequency(bank: AnyArray, sampling_rate_hz: float) -> AnyArray:
     """
     rate = sampling_rate_hz
     band = bank[-1] - bank[0]
-    count, size = band.shape[0], round(6.0 * rate)
-    hop = round(HOP * rate)
+    count, size, hop = band.shape[0], round(6.0 * rate), round(rate)
     middle = np.arange(0, count + hop - 1, hop)
     index = middle[:, None] + np.arange(size)[None, :] - size // 2
     inside = ((index >= 0) & (index < count))[..., None]
@@ -78,25 +72,18 @@ def step_frequency(bank: AnyArray, sampling_rate_hz: float) -> AnyArray:
     before, here, after = (mean[row, at + k] for k in (-1, 0, 1))
     frequency = rate / (at.astype(band.dtype) + signal.vertex(before, here, after))
     weight = xp.maximum(here, 0.0) + np.finfo(band.dtype).tiny ** 0.5
-    reach = int(np.ceil(4.0 * MEMORY / HOP))
-    near = np.exp(-0.5 * (HOP * np.arange(-reach, reach + 1) / MEMORY) ** 2).astype(band.dtype)
+    near = np.exp(-0.5 * (np.arange(-10, 11) / 2.5) ** 2).astype(band.dtype)  # [s] as the windows are
     smooth = xp.convolve(frequency * weight, near, "full") / xp.convolve(weight, near, "full")
-    smooth = smooth[reach : reach + len(middle)]
+    smooth = smooth[10 : 10 + len(middle)]
     return signal.between_samples(smooth, (np.arange(count) / hop).astype(band.dtype))
-
-
-def between(bank: AnyArray, cutoff_hz: AnyArray) -> AnyArray:
-    """The signal (T, ...) low-passed with a cut-off (T,) [Hz] that changes slowly, from the `bank` of filters:
-    interpolated between the two nearest ones, over the logarithm of the cut-off.
-    """
-    number = np.arange(len(CUTOFFS), dtype=bank.dtype)
-    place = xp.interp(xp.log(cutoff_hz), np.log(CUTOFFS).astype(bank.dtype), number).astype(bank.dtype)
-    share = xp.maximum(0.0, 1.0 - xp.abs(place[None, :] - number[:, None]))
-    return (bank * share.reshape(*share.shape, *[1] * (bank.ndim - 2))).sum(axis=0)
 
 
 @jax.jit
 def _maxima(values: Array, enough: Array) -> tuple[Array, Array]:
+    """Maxima of values (T,) whose rise from the minimum before and fall to the minimum after exceed thresholds (T, n):
+    (T, n) bool, a maximum is confirmed at this sample, and (T, n) the sample of that maximum.
+    """
+
     def step(carry: PyTree, item: PyTree) -> PyTree:
         up, extreme, at = carry
         index, value, threshold = item
@@ -112,14 +99,6 @@ def _maxima(values: Array, enough: Array) -> tuple[Array, Array]:
     return peaks
 
 
-def maxima(x: AnyArray, enough: AnyArray) -> tuple[AnyArray, AnyArray]:
-    """Maxima of x (T,) whose rise from the minimum before and fall to the minimum after exceed thresholds (T, ...): (T,
-    ...) bool, a maximum is confirmed at this sample, and (T, ...) the sample of that maximum.
-    """
-    peaks: tuple[AnyArray, AnyArray] = as_given(_maxima(x, enough), x, enough)
-    return peaks
-
-
 @jax.jit
 def _closing(time: Array, frequency: Array, tall: Array, there: Array, coming: Array) -> Array:
     """Maxima that are tall, or follow a maximum by about one step."""
@@ -127,8 +106,8 @@ def _closing(time: Array, frequency: Array, tall: Array, there: Array, coming: A
     def step(carry: PyTree, item: PyTree) -> PyTree:
         before, followed = carry
         t, f, high, some, ahead = item
-        late = (t - before) * f
-        follows = some & ~high & ~followed & (late > NEAREST) & (late < 1.6) & ((ahead - t) * f > NEAREST)
+        late, early = (t - before) * f, (ahead - t) * f  # [steps]
+        follows = some & ~high & ~followed & (late < 1.6) & (jnp.minimum(late, early) > 0.65)
         keep = high | follows
         return (jnp.where(keep, t, before), jnp.where(keep, follows, followed)), keep
 
@@ -159,14 +138,19 @@ def contacts_nearby(
     rate = sampling_rate_hz
     bank = butterworth.low_passed(xp.stack([forward, upward, leftward], axis=1), tuple(CUTOFFS), rate)
     along = step_frequency(bank, rate)
-    slow = between(bank, 1.4 * along)
+    # low-passed with a cut-off that changes slowly: interpolated between the two nearest filters, over its logarithm
+    number = np.arange(len(CUTOFFS), dtype=bank.dtype)
+    place = xp.interp(xp.log(1.4 * along), np.log(CUTOFFS).astype(bank.dtype), number).astype(bank.dtype)
+    share = xp.maximum(0.0, 1.0 - xp.abs(place[None, :] - number[:, None]))
+    slow = (bank * share[:, :, None]).sum(axis=0)
     slope = xp.gradient(slow[:, 0])
     shock = slow[:, 1] - slope * rate / (2.0 * np.pi * along)
     # least height of a maximum: absolute, and over the root mean square about it; F1 is 0.985 on `ipol_gait`
     size = min(signal.window_size(5.0, rate), 2 * (shock.shape[0] // 2) - 1)
     enough = xp.maximum(0.5, 0.9 * xp.sqrt(xp.maximum(signal.moving_mean(shock * shock, size), 0.0)))
     # a closing step, about one step after a tall maximum, needs half of that height
-    confirmed, where = maxima(shock, xp.stack([enough, 0.5 * enough], axis=1))
+    thresholds = xp.stack([enough, 0.5 * enough], axis=1)
+    confirmed, where = as_given(_maxima(shock, thresholds), shock, thresholds)
     sure, certain = confirmed.T
     tall = put(xp.zeros_like(shock, dtype=bool), xp.where(sure, where[:, 0], shock.shape[0]), True)
     row = places(certain, capacity)

@@ -1,5 +1,5 @@
 """Orientation of a sensor on the body, from standing and walking."""
 
-from jgait.mounting.sagittal import SagittalRate, sagittal_rate
+from jgait.mounting.places import SagittalRate, sagittal_rate
 
 __all__ = ["SagittalRate", "sagittal_rate"]

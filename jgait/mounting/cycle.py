@@ -16,17 +16,17 @@ HARMONICS = 4
 """[1] Number of harmonics of the stride frequency: they hold 97 % of the power of a thigh and a shank."""
 
 WALKING_RATE = 0.4
-"""[rad/s] Root mean square of the legs' rates above which a person walks; chosen, below simulated walks of 0.25 m/s."""
+"""[rad/s] Root mean square of the legs' rates above which a person walks: below simulated walks of 0.25 m/s."""
 
 USUAL_STRIDE_TIME = 1.1
-"""[s] Stride time that is assumed if the search finds none."""
+"""[s] Stride time that is assumed if the search finds none: that of usual walking."""
 
 SEGMENTS = ("thigh", "shank", "foot")
 """Segments of a leg."""
 
 POWER = {"thigh": 0.4, "shank": 1.6, "foot": 2.4}
 """[1] Power of the sagittal harmonics of each segment over the mean of thigh and shank, by which walks of any speed and
-with any of these sensors have one scale."""
+with any of these sensors have one scale. From simulated people, as `places.json`."""
 
 
 class Turning(NamedTuple):
@@ -100,17 +100,12 @@ def sagittal_axis(gyr: np.ndarray, up: np.ndarray | None, walks: np.ndarray, sam
 
 def walking(sensors: Mapping[str, Imu], sampling_rate_hz: float) -> np.ndarray:
     """(T,) bool, samples in which the sensors, all at the same times, turn as much as in most of the walk."""
-    power, weight = (
-        smooth(np.sum(part, axis=0), 1.0, sampling_rate_hz)
-        for part in zip(*(_power(imu) for imu in sensors.values()), strict=True)
-    )
+    masks = [np.asarray(imu.mask, bool) for imu in sensors.values()]
+    rates = zip(sensors.values(), masks, strict=True)
+    powers = [np.where(mask, np.sum(as_float(imu.gyr) ** 2, axis=1), 0.0) for imu, mask in rates]
+    power, weight = (smooth(np.sum(parts, axis=0, dtype=float), 1.0, sampling_rate_hz) for parts in (powers, masks))
     level = power / np.maximum(weight, 1e-9)
     return np.asarray(level > max(0.15 * np.percentile(level, 90.0), WALKING_RATE**2)) & (weight > 1e-9)
-
-
-def _power(imu: Imu) -> tuple[np.ndarray, np.ndarray]:
-    mask = np.asarray(imu.mask, bool)
-    return np.where(mask, np.sum(as_float(imu.gyr) ** 2, axis=1), 0.0), mask.astype(float)
 
 
 def cycle_of(sensors: Mapping[str, Imu]) -> Cycle | None:

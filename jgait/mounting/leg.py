@@ -1,28 +1,46 @@
-"""Orientation of the sensors on thighs and shanks, from walking and, where there is one, a standing; on the host.
+"""Orientation of the sensors on thighs and shanks, and the zero of hip and knee angles, from walking and, where there
+is one, a standing; on the host.
 
 A leg in straight walking turns about one axis, the sagittal axis of each segment; gravity gives the vertical. The axes
 are forward, left and up, as of a standing segment; the forward swing is a negative rate about the axis to the left.
+
+A rest may be standing, sitting, lying or leaning; how far each segment is inclined then, over its mean inclination in
+walking, gives the probability that the person stands. People stand with nearly straight legs (`standing_hip`,
+`standing_knee` of an estimator), and walk with thighs and knees that are on average bent alike; who never stands has
+the second alone.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S
+from jgait.geometry.arrays import xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.cycle import WALKING_RATE, Cycle, cycle_of, mean_force, sagittal_axis, smooth
 from jgait.mounting.places import Places, places_of
-from jgait.mounting.pose import WALKING_POSE, Pose, pose_from_walking, standing_probability
 from jgait.notes import FEW_RESTS, Kind, Note
 from jgait.signal.windows import true_runs
-from jgait.types import SIDES, Imu, RecordingError, as_float
-
-UPRIGHT = 0.5
-"""[1] Probability of standing from which on a rest is standing."""
+from jgait.types import SIDES, Imu, RecordingError, Values, as_float
 
 QUIET_RATE = 0.02
-"""[rad/s] Root mean square of the turns of a segment in quiet standing, as `InclinationNoise.standing_rate`."""
+"""[rad/s] Root mean square of the turns of a segment in quiet standing, as `InclinationNoise.standing_rate`. Chosen by
+hand."""
+
+WALKING_POSE = np.deg2rad([9.0, 25.0])
+"""[rad] Usual mean over strides of the hip's angle from the vertical, and of the knee's flexion: 8.5 and 18.6° from
+standing on `walking5m`, 5 and 22° on `neura_sparse` (Vicon), 11 and 30° in simulated people."""
+
+POSTURES = {
+    "stands": (0.6, (0.0, 0.0, 0.0), (8.0, 8.0, 8.0)),
+    "sits": (0.2, (85.0, 0.0, 0.0), (15.0, 20.0, 20.0)),
+    "lies": (0.1, (90.0, 80.0, 0.0), (30.0, 40.0, 60.0)),
+    "leans": (0.1, (15.0, -5.0, 0.0), (30.0, 30.0, 30.0)),
+}
+"""Posture → prior probability; mean and standard deviation of the inclinations of thigh and shank, positive with the
+distal end forward, and of both sideways [deg]. Chosen by hand."""
 
 SITS = Kind(
     "sits", "info",
@@ -36,6 +54,14 @@ STANDING_MOVES = Kind(
     "{rate:.2f} rad/s",
     FEW_RESTS,
 )  # fmt: skip
+
+
+class Pose(NamedTuple):
+    """What walking states of a leg's hip and knee angle in the pose from which its sensors' angles count."""
+
+    mean: np.ndarray  #: (2,) hip angle from the vertical and knee flexion [rad], with the deviations of walking.
+    walks: np.ndarray  #: 1.0 if walking states them, else 0.0.
+    stands: np.ndarray  #: probability that the person stands in that pose [1].
 
 
 class SegmentMounting(NamedTuple):
@@ -110,22 +136,20 @@ def worn_legs(sensors: Mapping[str, Imu], still: np.ndarray, sampling_rate_hz: f
     every = {name: segment_axes(right, up) for name, (_, right, up) in segments.items()}
     walks = {name: mean_force(segments[name][0], rows, cycle) for name, rows in every.items()}
     rests = [run for run in true_runs(still) if run[1] - run[0] >= LEGS_SHORTEST_S * sampling_rate_hz]
-    stands, notes = [], list[Note]()
+    upright, likely, notes = still.copy(), dict[tuple[int, int], float](), list[Note]()
     for first, after in rests:
         tilts = [_tilt(name, imu, every[name], walks[name], slice(first, after))
                  for name, (imu, _, _) in segments.items() if imu.acc is not None]  # fmt: skip
-        stands.append(standing_probability(tilts))
-        if stands[-1] < UPRIGHT:
+        if (stands := standing_probability(tilts)) >= 0.5:
+            likely[first, after] = stands
+        else:
+            upright[first:after] = False
             largest = max((abs(tilt) for _, *both in tilts for tilt in both), default=0.0)
             begin, end = first / sampling_rate_hz, after / sampling_rate_hz
             notes.append(SITS(begin_s=begin, end_s=end, degrees=np.rad2deg(largest)))
-    upright = still.copy()
-    for (first, after), probability in zip(rests, stands, strict=True):
-        upright[first:after] &= probability >= UPRIGHT
-    likely = [run for run, probability in zip(rests, stands, strict=True) if probability >= UPRIGHT]
     long = [run for run in likely if run[1] - run[0] >= 1.0 * sampling_rate_hz]  # [s] the first long one calibrates
     standing = long[0] if long else max(likely, key=lambda run: run[1] - run[0], default=None)
-    probability = 0.0 if standing is None else stands[rests.index(standing)]
+    probability = 0.0 if standing is None else likely[standing]
     rest = standing or max(rests, key=lambda run: run[1] - run[0], default=None)
     notes = [*places.notes(), *notes]
     legs = {}
@@ -135,8 +159,10 @@ def worn_legs(sensors: Mapping[str, Imu], still: np.ndarray, sampling_rate_hz: f
             for name in names:
                 worn = _segment(places.worn[name], *segments[name], cycle, standing, rest, sampling_rate_hz)
                 each[name.partition("_")[0]] = worn
-            means = {segment: mean for segment, (_, mean) in each.items()}
-            pose = pose_from_walking(means.get("thigh"), means.get("shank"), probability)
+            thigh, shank = (each[segment][1] if segment in each else None for segment in ("thigh", "shank"))
+            pose = Pose(WALKING_POSE, np.asarray(float(standing is None)), np.asarray(probability))
+            if thigh is not None and shank is not None:  # else walking states nothing of a standing
+                pose = pose._replace(mean=WALKING_POSE - np.array([thigh, thigh - shank]), walks=np.ones(()))
             legs[side] = LegMounting({segment: worn for segment, (worn, _) in each.items()}, pose)
             notes += [note for name in names for note in places.unsure(name)]
             if standing is not None:
@@ -197,3 +223,63 @@ def _unrest(gyr: np.ndarray, acc: np.ndarray | None, rate: float) -> np.ndarray:
         ups = ups / np.maximum(np.linalg.norm(ups, axis=1, keepdims=True), 1e-9)
         variance += np.sum((ups[1] - ups[0]) ** 2) * (rate / max(1, len(acc) - quarter)) ** 2
     return np.asarray(max(variance - QUIET_RATE**2, 0.0))
+
+
+def standing_probability(inclinations: Sequence[tuple[str, float, float]]) -> float:
+    """The probability that a person at rest stands, from segment ("thigh", "shank"), its inclination, and its
+    inclination sideways [rad] for each sensor, over the usual pose of walking; 1 if there is none. Shanks alone tell
+    lying from standing: they are upright in a chair, too.
+    """
+    if not inclinations:
+        return 1.0
+    scores = []
+    thighs = any(segment == "thigh" for segment, *_ in inclinations)
+    for prior, mean, spread in (POSTURES[name] for name in (POSTURES if thighs else ("stands", "lies"))):
+        score = math.log(prior)
+        for segment, forward, sideways in inclinations:
+            row = 0 if segment == "thigh" else 1
+            for value, at in ((forward, row), (sideways, 2)):
+                away = math.remainder(math.degrees(value) - mean[at], 360.0)
+                deviation = math.hypot(spread[at], 6.0)  # of the mean in walking
+                score -= 0.5 * (away / deviation) ** 2 + math.log(deviation)
+        scores.append(score)
+    return float(np.exp(scores[0] - np.logaddexp.reduce(scores)))
+
+
+type _Normal = tuple[tuple[Values, Values], tuple[Values, Values, Values]]
+"""Mean of two variables, and their variances and covariance (first, both, second)."""
+
+
+def posterior(pose: Pose, mean: tuple[Values, Values], deviation: tuple[Values, Values]) -> _Normal:
+    """Mean [rad] and covariance [rad²] of hip and knee in the pose from which angles count, as one normal density.
+
+    People stand at `mean` with a `deviation` [rad], or a few with a larger one, and walk with the usual mean angles, or
+    a few with others: a mixture of normal densities, each weighed by how well standing and walking agree in it.
+    """
+    off = tuple(pose.mean[i] - mean[i] for i in range(2))
+    # variances and covariance of the means of walking between people and sets: 4° and 6°, correlated by 0.6
+    walk = math.radians(4.0) ** 2, 0.6 * math.radians(4.0) * math.radians(6.0), math.radians(6.0) ** 2
+    parts: list[tuple[Values, _Normal]] = []
+    # share of people, and factors on the deviations of standing and walking: a tenth walk with other mean angles, as
+    # crouched, and a tenth stand otherwise, with bent knees; chosen by hand
+    for share, stand_times, walk_times in ((0.81, 1.0, 1.0), (0.09, 1.0, 3.0), (0.09, 4.0, 1.0)):
+        hip, knee = ((stand_times * each) ** 2 for each in deviation)
+        a, b, c = hip + walk[0] * walk_times**2, walk[1] * walk_times**2, knee + walk[2] * walk_times**2
+        size = a * c - b * b
+        square = (c * off[0] ** 2 - 2.0 * b * off[0] * off[1] + a * off[1] ** 2) / size
+        gain = (c * hip / size, -b * hip / size), (-b * knee / size, a * knee / size)
+        at = tuple(mean[i] + gain[i][0] * off[0] + gain[i][1] * off[1] for i in range(2))
+        cov = hip - gain[0][0] * hip, -gain[0][1] * knee, knee - gain[1][1] * knee
+        parts.append((share * xp.exp(-0.5 * square) / xp.sqrt(size), ((at[0], at[1]), cov)))
+    total = sum(weight for weight, _ in parts)
+    zero = 0.0 * total
+    walked = (pose.mean[0] + zero, pose.mean[1] + zero), tuple(1.8 * value + zero for value in walk)  # 0.9 + 0.1 · 3²
+    stood = (mean[0] + zero, mean[1] + zero), (deviation[0] ** 2 + zero, zero, deviation[1] ** 2 + zero)
+    likely = [(pose.walks * pose.stands * weight / total, part) for weight, part in parts]
+    likely += [(pose.walks * (1.0 - pose.stands), walked), (1.0 - pose.walks, stood)]
+    middle = tuple(sum(weight * part[0][i] for weight, part in likely) for i in range(2))
+    hip, both, knee = (
+        sum(weight * (cov[i + j] + (at[i] - middle[i]) * (at[j] - middle[j])) for weight, (at, cov) in likely)
+        for i, j in ((0, 0), (0, 1), (1, 1))
+    )
+    return (middle[0], middle[1]), (hip, both, knee)

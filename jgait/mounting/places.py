@@ -16,24 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jgait.mounting.cycle import HARMONICS, SEGMENTS, Cycle, cycle_of
-from jgait.notes import UNSURE_FORWARD, WRONG_PLACE, Kind, Note
-from jgait.types import SIDES, AnyArray, Imu, as_float
+from jgait.notes import UNSURE_FORWARD, WRONG_PLACE, Kind, Note, record
+from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
 SURE = 0.99
-"""[1] Probability above which sensors are taken as exchanged, and an axis as the right way round."""
-
-EXCHANGED = 0.01
-"""[1] Prior probability that a pair of sensors, or all of both legs, have changed places; chosen."""
-
-TEMPER = 0.5
-"""[1] Weight of the likelihood, for the harmonics of one person are unusual together. Chosen: with it simulated limping
-and hemiparetic people keep their sensors."""
-
-UNKNOWN = 0.02
-"""[1] Prior probability that a sensor moves as none does in walking; its harmonics then have unit variance."""
-
-MOMENTS = 48
-"""[1] Number of moments of the stride over which the likelihood is summed."""
+"""[1] Probability above which sensors are taken as exchanged, and an axis as the right way round. Chosen by hand."""
 
 PLACES_EXCHANGED = Kind(
     "places_exchanged", "check", "{placements} have changed places, by how they move in walking; taken the other way "
@@ -91,12 +78,12 @@ def _tables() -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _log_likelihood(waves: np.ndarray, segment: str) -> np.ndarray:
-    """(2, 2, MOMENTS) log-likelihood of a sensor's harmonics (2, HARMONICS) on a segment of the right and the left leg,
-    with its axis to the right and to the left, for every moment at which the stride begins.
+    """(2, 2, 48) log-likelihood of a sensor's harmonics (2, HARMONICS) on a segment of the right and the left leg, with
+    its axis to the right and to the left, for 48 moments at which the stride begins.
     """
     mean, spread = _tables()[segment]
     orders = np.arange(1, HARMONICS + 1)
-    begins = np.exp(-2j * np.pi * np.outer(np.arange(MOMENTS) / MOMENTS, orders))[:, None, :]
+    begins = np.exp(-2j * np.pi * np.outer(np.arange(48) / 48, orders))[:, None, :]
     half, mirrored = (-1.0) ** orders, np.array([[1.0], [-1.0]])
     sides = np.stack([waves, waves * half * mirrored])
     parts = (np.stack([sides, -sides], axis=1)[:, :, None] * begins) - mean
@@ -105,11 +92,12 @@ def _log_likelihood(waves: np.ndarray, segment: str) -> np.ndarray:
     size, dof = 2 * spread.size, 4.0  # of Student's t; chosen, so that limping people do not contradict
     square = np.sum((parts.real / spread.real) ** 2 + (parts.imag / spread.imag) ** 2, axis=(-2, -1))
     scale = float(np.sum(np.log(spread.real) + np.log(spread.imag)))
-    # the normal density of any movement, beside Student's t of walking, without the constants that both share
+    # The normal density of any movement, with a prior probability of 0.02 and a variance of 1, beside Student's t of
+    # walking, without the constants that both share.
     constant = sum(np.log(0.5 * (dof + 2.0 * i)) for i in range(size // 2)) - 0.5 * size * np.log(0.5 * dof)
     walks = constant - scale - 0.5 * (dof + size) * np.log1p(square / dof)
     other = -0.5 * float(np.nansum(np.abs(waves) ** 2))
-    return np.asarray(np.logaddexp(np.log1p(-UNKNOWN) + walks, np.log(UNKNOWN) + other))
+    return np.asarray(np.logaddexp(np.log(0.98) + walks, np.log(0.02) + other))
 
 
 def _transpositions(order: tuple[int, ...]) -> int:
@@ -135,7 +123,7 @@ def _orders(names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
         if mirror is not None:
             each.append(1 + _transpositions(tuple(order[i] for i in mirror)))
         steps.append(min(each))
-    return np.array(orders), np.array(steps) * np.log(EXCHANGED)
+    return np.array(orders), np.array(steps) * np.log(0.01)  # of a pair, or of all of both legs; chosen by hand
 
 
 def places_of(cycle: Cycle) -> Places:
@@ -152,7 +140,9 @@ def places_of(cycle: Cycle) -> Places:
     either = np.logaddexp(table[:, :, 0], table[:, :, 1])
     orders, prior = _orders(names)
     at = np.arange(len(names))
-    scores = prior[:, None] + TEMPER * either[orders, at].sum(axis=1)  # order: place → sensor
+    # The harmonics of one person are unusual together: with half their weight simulated limping and hemiparetic people
+    # keep their sensors. An order is place → sensor.
+    scores = prior[:, None] + 0.5 * either[orders, at].sum(axis=1)
     scores = np.exp(scores - scores.max())
     weights = scores.sum(axis=1) / scores.sum()
     best, here = int(np.argmax(weights)), int(np.flatnonzero((orders == at).all(axis=1))[0])
@@ -208,3 +198,43 @@ def at_times(imu: Imu, time: np.ndarray) -> Imu:
 
     acc = None if imu.acc is None else moved(imu.acc)
     return Imu(time, moved(imu.gyr), acc, mask[near] & (time >= times[0]) & (time <= times[-1]))
+
+
+@record
+class SagittalRate(NamedTuple):
+    """How fast a segment of the leg turns in the sagittal plane."""
+
+    time: np.ndarray  #: (T,) [s].
+    rate: np.ndarray  #: (T,) [rad/s], positive when the lower end swings forward; 0 where the mask is False.
+    mask: np.ndarray  #: (T,) bool; False where the sample was lost.
+
+
+def sagittal_rate(recording: Recording, placement: str) -> SagittalRate:
+    """The rate of a thigh, shank or ankle about its sagittal axis, without the gyroscope's bias.
+
+    The axis is the axis of most rotation in the walk, perpendicular to gravity. Its sign follows from how the segment
+    turns over a stride; that of a thigh from the shank of the same side, so both sensors are needed. `placement` is
+    `thigh_SIDE`, `shank_SIDE` or `ankle_SIDE`.
+
+    Raises:
+        RecordingError: if there is no such sensor, the segment does not walk, or the sign is not certain.
+    """
+    segment, _, side = placement.partition("_")
+    if segment not in ("thigh", "shank", "ankle"):
+        raise RecordingError(f"the sagittal rate is that of a thigh, shank or ankle; got {placement!r}")
+    if placement not in recording.sensors:
+        raise RecordingError(f"there is no sensor {placement}; the recording has {', '.join(recording.sensors)}")
+    imu = recording.sensors[placement]
+    time, mask = as_float(imu.time), np.asarray(imu.mask, bool)
+    name = placement.replace("ankle", "shank")  # which turn together
+    leg = {f"{other}_{side}": recording.sensors.get(f"{other}_{side}") for other in ("thigh", "shank")} | {name: imu}
+    cycle = cycle_of({key: each for key, each in leg.items() if each and np.array_equal(as_float(each.time), time)})
+    if cycle is None or name not in cycle.turning:
+        raise RecordingError(f"{placement} does not walk")
+    places, turning = places_of(cycle), cycle.turning[name]
+    if segment == "thigh" and len(cycle.turning) < 2:
+        raise RecordingError(f"which way a thigh faces follows from the shank; there is no sensor shank_{side}")
+    if places.moved or places.doubtful or places.unsure(name):
+        raise RecordingError(f"{placement} does not swing as a {segment} in walking: its front is not certain")
+    rate = (as_float(imu.gyr) - turning.bias) @ (places.right[name] * turning.axis)
+    return SagittalRate(time, np.where(mask, rate, 0.0), mask)

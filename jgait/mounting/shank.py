@@ -10,17 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jgait.events.rest import longest_still
+from jgait.events.rest import LEGS_SHORTEST_S, longest_still
 from jgait.mounting.places import places_in
 from jgait.notes import Note
 from jgait.signal.windows import over_losses
 from jgait.types import SIDES, AnyArray, Imu, Recording, RecordingError, as_float
 
 RESTING = 0.1
-"""[rad/s] Largest root mean square rate of a leg at rest, gyroscope bias included."""
+"""[rad/s] Largest root mean square rate of a leg at rest, gyroscope bias included. Chosen by hand."""
 
 LEAST_ASYMMETRY = 0.3
-"""[1] Skewness of the sagittal rate below which its sign is uncertain; walks have 1.0 to 2.6."""
+"""[1] Skewness of the sagittal rate below which its sign is uncertain; public walks have 1.0 to 2.6."""
 
 
 class Axes(NamedTuple):
@@ -65,7 +65,7 @@ def rest_bias(imu: Imu, sampling_rate_hz: float) -> np.ndarray | None:
     """The gyroscope bias while the leg stands, calibrated as in the paper: (3,) [rad/s], the median over the longest
     rest of at least half a second; None without. A bias of 0.02 rad/s changes the stride length by 2 %.
     """
-    run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=0.5)
+    run = longest_still(imu.gyr, sampling_rate_hz, mask=imu.mask, threshold=RESTING, at_least_s=LEGS_SHORTEST_S)
     if run is None:
         return None
     kept = np.asarray(imu.mask, bool)[run[0] : run[1]]

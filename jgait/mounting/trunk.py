@@ -24,14 +24,15 @@ from jgait.signal.windows import held_mean, true_runs, window_size, window_sum
 from jgait.types import Imu, RecordingError, as_float
 
 LEAST_WALKING_ACC = 0.25
-"""[m/s²] Least root mean square acceleration of walking at the step frequency."""
+"""[m/s²] Least root mean square acceleration of walking at the step frequency. Chosen by hand."""
 
 FREE, OVER_S = 0.35, 0.05
 """[1] Mean specific force over gravity, in a window of `OVER_S` [s], below which the trunk is in free fall. In running
 it is near 0 once in each step; walks of `ipol_gait` and `mobgap_lab` stay far above it."""
 
 GRAVITY_S = 1.5
-"""[s] Window of the mean that leaves gravity of the force, longer than a stride; `by_gravity` applies it twice."""
+"""[s] Window of the mean that leaves gravity of the force, longer than a stride; `by_gravity` applies it twice. Chosen
+by hand."""
 
 
 class TrunkAxes(NamedTuple):
@@ -65,7 +66,9 @@ def functional_axes(imu: Imu, sampling_rate_hz: float, worn: np.ndarray | None =
     walking = _walking(acc, sampling_rate_hz) & (worn is None or worn)
     if not walking.any():
         return None
-    runs = walking & _running(acc, sampling_rate_hz)
+    # running: less than half a second from a sample at which the trunk is in free fall
+    force_g = held_mean(np.linalg.norm(acc, axis=1), window_size(OVER_S, sampling_rate_hz)) / GRAVITY
+    runs = walking & (window_sum((force_g < FREE).astype(float), window_size(1.0, sampling_rate_hz)) > 0.5)
     only_runs = np.sum(walking & ~runs) < min(5.0 * sampling_rate_hz, runs.sum())  # [s] of walking
     walking = runs if only_runs else walking & ~runs
     up, amplitude, frequency, steps = _spectrum(acc, walking, sampling_rate_hz)
@@ -212,12 +215,6 @@ def _walking(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
     weight = np.convolve(np.ones_like(size), kernel, mode="same")
     spread = np.convolve((size - mean / weight) ** 2, kernel, mode="same") / weight
     return np.asarray(spread > LEAST_WALKING_ACC**2)
-
-
-def _running(acc: np.ndarray, sampling_rate_hz: float) -> np.ndarray:
-    """(T,) bool: less than half a second from a sample at which the trunk is in free fall."""
-    force_g = held_mean(np.linalg.norm(acc, axis=1), window_size(OVER_S, sampling_rate_hz)) / GRAVITY
-    return np.asarray(window_sum((force_g < FREE).astype(float), window_size(1.0, sampling_rate_hz)) > 0.5)
 
 
 def worn(axes: TrunkAxes) -> dict[str, str | float]:

@@ -13,12 +13,8 @@ from scipy.spatial.transform import Rotation
 from jgait import simulate
 from jgait.events.rest import legs_at_rest
 from jgait.mounting.cycle import USUAL_STRIDE_TIME, cycle_of, mean_force, stride_time
-from jgait.mounting.leg import worn_legs
+from jgait.mounting.leg import Pose, posterior, worn_legs
 from jgait.mounting.places import places_of
-from jgait.mounting.pose import (
-    Pose,
-    posterior,
-)
 
 RATE = 50.0
 SLOW = 0.9  # m; of strides that are shorter it may be left in doubt which sensor is where

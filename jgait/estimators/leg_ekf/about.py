@@ -25,3 +25,4 @@ ABOUT = About(
     figures=(JOINT_ANGLES, FOOT_PATH, WAY),
     losses=("distance", "trajectory", "joint_angles", "foot_path", "stride_length", "likelihood", "calibration"),
 )  # fmt: skip
+"""The description of `leg_ekf`."""

@@ -13,15 +13,16 @@ from jgait.estimators.leg_ekf import inclination
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.leg_ekf import readout as leg_distance
 from jgait.estimators.leg_ekf.about import ABOUT
-from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
+from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.model import STANDING, LegControl, LegModelParams, LegObservation, LegState
 from jgait.estimators.leg_ekf.notes import SHANKS_APART
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions, LegParams, one_side, with_body
 from jgait.estimators.leg_ekf.prepare import SHANKS, long_gaps, prepare
 from jgait.estimators.programs import compiled
+from jgait.events.rest import BRIDGED_S
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.arrays import for_each, stacked, xp
-from jgait.mounting.pose import Pose, posterior
+from jgait.mounting.leg import Pose, posterior
 from jgait.notes import Note
 from jgait.quality import SensorQuality, merged
 from jgait.quality.evidence import of_stride
@@ -67,11 +68,11 @@ def observe(
         spread = 1.0 / xp.maximum(inputs.dt, 1e-3)
         # In a gap the leg follows its inclination; its own prediction is worth nothing.
         lost = xp.maximum(leg.thigh.lost, leg.shank.lost)
-        spread = xp.where(lost > SHORT_GAP, 1.0, spread)
+        spread = xp.where(lost > BRIDGED_S, 1.0, spread)
         # gain · sensor = thigh + pull · (thigh − shank), all from standing
         share, pulled = gain / (1.0 + p.thigh_pull), p.thigh_pull / (1.0 + p.thigh_pull)
         uncertain = share**2 * thigh.variance + pulled**2 * shank.variance
-        unknown = xp.where(lost > SHORT_GAP, inclination.unknown_turn(xp.maximum(lost, inputs.dt), inputs.dt), 0.0)
+        unknown = xp.where(lost > BRIDGED_S, inclination.unknown_turn(xp.maximum(lost, inputs.dt), inputs.dt), 0.0)
         control = LegControl(uncertain * spread, shank.variance * spread, unknown)
         angles = (STANDING + hip + share * thigh.angle + pulled * shank.angle, STANDING + hip - knee + shank.angle)
         rates = (share * thigh.rate + pulled * shank.rate, shank.rate)
@@ -90,23 +91,6 @@ def observe(
     closed = there & close if options.closure else False
     observation = LegObservation(*rates, zero, zero, *angles)
     return observation, control, LegObservation(leg.thigh.measured, leg.shank.measured, closed, closed, tilted, tilted)
-
-
-def prior_of(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> Belief:
-    """The belief before the first sample: standing, with the gyroscopes' biases at rest, which the inclination filter
-    has already removed with `options.gravity`.
-    """
-    zero = xp.zeros_like(start_variance)
-    thigh_bias, shin_bias = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
-    thigh, shank = (0.0 if segment.start is None else segment.start for segment in (leg.thigh, leg.shank))
-    return leg_model.standing_belief(
-        model_params(p, leg),
-        STANDING + p.standing_hip + thigh,
-        shank - thigh - p.standing_knee,
-        thigh_bias,
-        shin_bias,
-        start_variance,
-    )
 
 
 def calibrated(p: LegParams, pose: Pose | None) -> LegParams:
@@ -133,15 +117,13 @@ def deviation_of(p: LegParams, state: LegState, cov: Covariance) -> LegTrajector
     and of soft tissue, by a share of the angle from standing and by itself. Both pass to x and y through the
     kinematics.
     """
+    from_standing = state.thigh_angle - STANDING - p.standing_hip
+    thigh = p.soft_tissue_thigh**2 + (p.thigh_gain_sd * from_standing) ** 2
+    from_standing = from_standing + state.knee_angle + p.standing_knee
+    shank = p.soft_tissue_shank**2 + (p.shank_gain_sd * from_standing) ** 2
     shin = state.thigh_angle + state.knee_angle
-    thigh, shank = soft_tissue_variances(p, state)
-    a1, a2 = p.thigh_length, p.shank_length
-    x1, x2, y1, y2 = (
-        a1 * xp.sin(state.thigh_angle),
-        a2 * xp.sin(shin),
-        a1 * xp.cos(state.thigh_angle),
-        a2 * xp.cos(shin),
-    )
+    x1, y1 = p.thigh_length * xp.sin(state.thigh_angle), p.thigh_length * xp.cos(state.thigh_angle)
+    x2, y2 = p.shank_length * xp.sin(shin), p.shank_length * xp.cos(shin)
     hip, knee = p.standing_hip_sd**2, p.standing_knee_sd**2
     # an error of the standing hip turns the whole leg, one of the standing knee the shank
     along = x1**2 * thigh + x2**2 * shank + (x1 + x2) ** 2 * hip + x2**2 * knee
@@ -149,16 +131,6 @@ def deviation_of(p: LegParams, state: LegState, cov: Covariance) -> LegTrajector
     more = {"thigh_angle": thigh + hip, "knee_angle": thigh + shank + knee, "x": along, "y": upward}
     # in single precision a smoothed variance can be negative by rounding
     return LegTrajectory(*(xp.sqrt(xp.maximum(cov[name, name], 0.0) + v) for name, v in more.items()))
-
-
-def soft_tissue_variances(p: LegParams, state: LegState) -> tuple[Values, Values]:
-    """Variances [rad²] of thigh and shank about their sensors; they grow with the angles from standing."""
-    thigh = state.thigh_angle - STANDING - p.standing_hip
-    shank = thigh + state.knee_angle + p.standing_knee
-    return (
-        p.soft_tissue_thigh**2 + (p.thigh_gain_sd * thigh) ** 2,
-        p.soft_tissue_shank**2 + (p.shank_gain_sd * shank) ** 2,
-    )
 
 
 def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> tuple[Values, dict[str, Values]]:
@@ -171,9 +143,8 @@ def walked(p: LegParams, legs: Legs, inputs: LegInputs, options: LegOptions) -> 
     if options.distance in ("strapdown", "stance"):
         way = leg_distance.stance_carried(legs, p.rollover_radius, inputs.still)
     else:
-        ways = [
-            leg_distance.accumulated(leg, vertical=options.distance == "accumulate") for leg in legs if leg is not None
-        ]
+        vertical = options.distance == "accumulate"
+        ways = [leg_distance.accumulated(leg, vertical=vertical) for leg in legs if leg is not None]
         way = sum(ways[1:], ways[0]) / len(ways)
     spread = p.kinematic_noise * way
     if options.distance == "strapdown" and inputs.shanks is not None:
@@ -237,13 +208,16 @@ class LegBeliefs(NamedTuple):
 
 def start(p: LegParams, leg: LegSignals, start_variance: Values, options: LegOptions) -> LegBeliefs:
     """The beliefs before the first sample of signals (T, …), in the standing pose or the inclination that they state,
-    with a variance [rad²].
+    with a variance [rad²]. With `options.gravity` the inclination filter has removed the gyroscopes' biases at rest.
     """
     both = stacked(leg.thigh, leg.shank)
     segments = jax.vmap(lambda bias, unrest, angle: inclination.prior(bias, start_variance, unrest, angle))
-    return LegBeliefs(
-        segments(both.bias, both.unrest, both.start), prior_of(p, leg, start_variance, options), both.gyr[:, 0]
-    )
+    zero = xp.zeros_like(start_variance)
+    biases = (zero, zero) if options.gravity else (-leg.thigh.bias[1], -leg.shank.bias[1])
+    thigh, shank = (0.0 if segment.start is None else segment.start for segment in (leg.thigh, leg.shank))
+    angles = STANDING + p.standing_hip + thigh, shank - thigh - p.standing_knee
+    standing = leg_model.standing_belief(model_params(p, leg), *angles, *biases, start_variance)
+    return LegBeliefs(segments(both.bias, both.unrest, both.start), standing, both.gyr[:, 0])
 
 
 def filtered(
@@ -276,8 +250,7 @@ def filtered(
 
 
 def _one_leg(p: LegParams, leg: LegSignals, inputs: LegInputs, options: LegOptions, model: Model) -> filtering.Inferred:
-    before = start(p, leg, inputs.start_variance, options)
-    return filtered(p, leg, inputs, options, before, model=model)[1]
+    return filtered(p, leg, inputs, options, start(p, leg, inputs.start_variance, options), model=model)[1]
 
 
 def _read_out(p: LegParams, states: filtering.Inferred) -> tuple[LegTrajectory, LegTrajectory, Values, Values, Flags]:

@@ -18,7 +18,7 @@ from typing import Annotated, NamedTuple
 
 import jax.numpy as jnp
 
-from jgait.estimators.leg_ekf.inputs import UNREST_S, LegInputs, Segment
+from jgait.estimators.leg_ekf.inputs import LegInputs, Segment
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.rotation import rotated, small_turn
 from jgait.geometry.vectors import GRAVITY, Three, as_array, entries, vector
@@ -165,7 +165,7 @@ def observed(
     still = inputs.still if standing else jnp.zeros_like(inputs.still)
     at_rest = still & measured if standing else False
     mask = InclinationObservation(measured, at_rest)
-    # turns that go on for some time do not average out from sample to sample
-    unrest = segment.unrest * UNREST_S / jnp.maximum(inputs.dt, 1e-3)
+    # turns of a leg that does not stand still, as in a shift of weight, last half a second: they do not average out
+    unrest = segment.unrest * 0.5 / jnp.maximum(inputs.dt, 1e-3)
     control = InclinationControl(mean, still, measured, segment.lost, unrest)
     return InclinationObservation(segment.acc / GRAVITY, rate), control, mask

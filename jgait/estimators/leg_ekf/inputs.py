@@ -6,15 +6,9 @@ import numpy as np
 
 from jgait.estimators.ankle_stride.prepare import AnkleInputs
 from jgait.estimators.interface import Axis, Sampled, Times
-from jgait.mounting.pose import Pose
+from jgait.mounting.leg import Pose
 from jgait.notes import record
 from jgait.types import Values
-
-UNREST_S = 0.5
-"""[s] Duration of a turn of a leg that does not stand still, such as in a shift of weight."""
-
-SHORT_GAP = 0.1
-"""[s] Longest gap that the leg's filter bridges by its own prediction of the rates; a swing lasts 0.4 s."""
 
 
 class Segment(NamedTuple):

@@ -14,11 +14,11 @@ from jgait.estimators.ankle_stride.prepare import AnkleInputs, shank_notes
 from jgait.estimators.ankle_stride.prepare import prepare as prepare_shanks
 from jgait.estimators.checks import common_time, sensors_of
 from jgait.estimators.interface import Prepared
-from jgait.estimators.leg_ekf.inputs import SHORT_GAP, LegInputs, LegSignals, Segment
+from jgait.estimators.leg_ekf.inputs import LegInputs, LegSignals, Segment
 from jgait.estimators.leg_ekf.notes import NOT_ESTIMATED, ONE_LEG, SLIPPED, STANDS_OTHERWISE, ZERO_OF_WALKING
 from jgait.estimators.leg_ekf.params import DEFAULT, LegOptions
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
-from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S, legs_at_rest
+from jgait.events.rest import BRIDGED_S, LEGS_RATE, LEGS_SHORTEST_S, legs_at_rest
 from jgait.mounting.leg import SegmentMounting, worn_legs
 from jgait.mounting.places import at_times
 from jgait.notes import LEFT_OUT, Note
@@ -29,15 +29,17 @@ from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
 LOWEST_RATE_HZ = 40.0
 """[Hz] Lowest sampling rate. Simulated knee angles err by 1.0° (rms) at 100 Hz, 1.2° at 41 Hz, 2.8° at 25 Hz."""
 
-OTHERWISE_DEG = 10.0
-"""[deg] Largest change of a segment's tilt between two times of standing; chosen, above that of legs of public sets."""
-
 LONG_GAP = 0.3
-"""[s] Shortest gap in the samples for which no estimate is made; the leg's angles after the gap are unknown."""
+"""[s] Shortest gap in the samples for which no estimate is made; the leg's angles after the gap are unknown. Chosen by
+hand: a swing lasts 0.4 s."""
 
 
-def worn_sides(recording: Recording) -> tuple[str, ...]:
-    """The sides on which both thigh and shank are measured. Raises RecordingError if neither side has both sensors."""
+def resting_legs(
+    recording: Recording, options: LegOptions
+) -> tuple[tuple[str, ...], dict[str, Imu], np.ndarray, np.ndarray]:
+    """The sides on which both thigh and shank are measured, their sensors and common time, resampled and filtered, with
+    rates of 0 where samples are lost; and where no leg moves (T,). Raises RecordingError if neither side has both.
+    """
     sides = tuple(s for s in SIDES if f"thigh_{s}" in recording.sensors and f"shank_{s}" in recording.sensors)
     if not sides:
         missing = [p for p in ("thigh_right", "shank_right") if p not in recording.sensors]
@@ -47,16 +49,6 @@ def worn_sides(recording: Recording) -> tuple[str, ...]:
         feet = any(p.startswith("foot_") for p in recording.sensors)
         other = "; for sensors on the feet take the estimator foot_ins" if feet else ""
         raise RecordingError(f"leg_ekf needs {wanted}; {sensors_of(recording)}{other}")
-    return sides
-
-
-def resting_legs(
-    recording: Recording, options: LegOptions
-) -> tuple[tuple[str, ...], dict[str, Imu], np.ndarray, np.ndarray]:
-    """The measured sides, their sensors and common time, resampled and filtered, with rates of 0 where samples are
-    lost; and where no leg moves (T,).
-    """
-    sides = worn_sides(recording)
     sensors = {f"{part}_{side}": recording.sensors[f"{part}_{side}"] for side in sides for part in ("thigh", "shank")}
     time = common_time(recording, list(sensors), "leg_ekf", "thigh and shank", acc=False)
     rate = 1.0 / float(np.median(np.diff(time)))
@@ -115,10 +107,10 @@ def in_segment(imu: Imu, worn: SegmentMounting) -> Segment:
 
 
 def rates_between(segment: Segment, time: np.ndarray) -> Segment:
-    """A segment whose rates are interpolated over losses of up to `SHORT_GAP`; over longer ones they are 0."""
+    """A segment whose rates are interpolated over losses of up to `BRIDGED_S`; over longer ones they are 0."""
     gyr = np.where(segment.measured[:, None], segment.gyr, 0.0)
     for first, after in true_runs(~segment.measured):
-        if first > 0 and after < time.size and segment.lost[after - 1] <= SHORT_GAP + 1e-9:
+        if first > 0 and after < time.size and segment.lost[after - 1] <= BRIDGED_S + 1e-9:
             share = (time[first:after] - time[first - 1]) / (time[after] - time[first - 1])
             gyr[first:after] = gyr[first - 1] + share[:, None] * (gyr[after] - gyr[first - 1])
     return segment._replace(gyr=gyr)
@@ -150,11 +142,11 @@ def slips(
         others = np.stack([force[run].mean(axis=0) for run in runs])
         cosines = others @ down / np.maximum(np.linalg.norm(others, axis=1) * np.linalg.norm(down), 1e-9)
         degrees = np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
-        worst = int(np.argmax(degrees))
-        if degrees[worst] <= OTHERWISE_DEG:
+        worst, otherwise = int(np.argmax(degrees)), degrees > 10.0  # above the change of legs of public sets
+        if not otherwise.any():
             continue
         since = None
-        if degrees[-1] > OTHERWISE_DEG and runs[-1].start >= standing.stop:
+        if otherwise[-1] and runs[-1].start >= standing.stop:
             moving = np.flatnonzero(np.asarray(imu.mask, bool) & ~upright)
             moving = moving[(moving >= standing.stop) & (moving < runs[-1].start)]
             # [s] accelerations of walking vanish over it
@@ -205,11 +197,8 @@ def _shanks(
         )
     except RecordingError:
         return None, {}, []
-    return (
-        made.inputs,
-        made.quality,
-        [note for name, facts in made.quality.items() for note in shank_notes(name, facts)],
-    )
+    notes = [note for name, facts in made.quality.items() for note in shank_notes(name, facts)]
+    return made.inputs, made.quality, notes
 
 
 def prepare(recording: Recording, options: LegOptions = DEFAULT) -> Prepared[LegInputs]:

@@ -12,7 +12,8 @@ from jgait.geometry.arrays import xp
 from jgait.types import Flags, Legs, LegTrajectory, Values
 
 MOVES_M, LEAST_SHARE = 1e-3, 0.2
-"""[m] Displacement in an interval above which a foot moves; [1] least share of walking in which it moves backward."""
+"""[m] Displacement in an interval above which a foot moves; [1] least share of walking in which it moves backward.
+Chosen by hand."""
 
 
 def accumulated(leg: LegTrajectory, *, vertical: bool = True) -> Values:

@@ -66,3 +66,4 @@ ABOUT = About(
         "distance", "stride_length", "stride_time", "contact_times", "likelihood", "calibration",
     ),
 )  # fmt: skip
+"""The description of `waist`."""

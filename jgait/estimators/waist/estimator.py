@@ -11,17 +11,14 @@ from jgait.estimators.checks import check_options
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.programs import compiled
 from jgait.estimators.stride_flags import LARGEST_TURN
-from jgait.estimators.waist import motion as waist_motion
-from jgait.estimators.waist import readout as waist_distance
-from jgait.estimators.waist import steps as waist_steps
+from jgait.estimators.waist import model as waist_model
 from jgait.estimators.waist.about import ABOUT, SIDE_KNOWN
 from jgait.estimators.waist.inputs import WaistInputs
-from jgait.estimators.waist.motion import TrunkMotion
+from jgait.estimators.waist.model import EDGE_STEPS, Intervals, WaistWalk, closing, earlier
+from jgait.estimators.waist.motion import TrunkMotion, motion
 from jgait.estimators.waist.notes import DISTANCE_DOUBTFUL, NOT_LEARNED, WALKING_MISSED
 from jgait.estimators.waist.params import DEFAULT, KNOWN, PAPER, WaistOptions, WaistParams, with_body
 from jgait.estimators.waist.prepare import prepare
-from jgait.estimators.waist.readout import EDGE_STEPS, WaistWalk, closing, earlier
-from jgait.estimators.waist.steps import Intervals
 from jgait.geometry.arrays import interpolated, xp
 from jgait.geometry.vectors import GRAVITY
 from jgait.mounting.trunk import FREE, OVER_S, moved_between, step_frequency
@@ -57,15 +54,17 @@ def run(p: WaistParams, inputs: WaistInputs, options: WaistOptions = DEFAULT) ->
         ValueError: an unknown option.
     """
     check_options(options, KNOWN)
-    motion = waist_motion.motion(p, inputs, smooth=options.smooth, method=options.method)
-    intervals = waist_steps.intervals(p, inputs, motion)
+    trunk = motion(p, inputs, smooth=options.smooth, method=options.method)
+    intervals = waist_model.intervals(p, inputs, trunk)
     if options.distance == "fused":
-        walked = waist_distance.fused(p, inputs, intervals, options)
+        walked = waist_model.fused(p, inputs, intervals, options)
     else:
-        speed, held = compiled(waist_distance.integrated_speed)(p, inputs, motion, intervals)
+        from jgait.estimators.waist import velocity_update  # the paper's method alone needs it
+
+        speed, held = compiled(velocity_update.integrated_speed)(p, inputs, trunk, intervals)
         start_sd = p.start_speed_sd * xp.where(inputs.stood, 0.0, 1.0)
-        walked = waist_distance.by_integration(p, inputs, intervals, speed, held, start_sd)
-    return stated(inputs, motion, intervals, walked)
+        walked = velocity_update.by_integration(p, inputs, intervals, speed, held, start_sd)
+    return stated(inputs, trunk, intervals, walked)
 
 
 def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walked: WaistWalk) -> Estimate:
@@ -73,7 +72,11 @@ def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walke
     row = xp.arange(inputs.at.shape[0], dtype=xp.int32)
     there = row < inputs.count
     way = walked.distance - xp.cumsum(xp.minimum(walked.step, 0.0))  # a sway back is no way
-    distance, spread = _along(inputs, xp.stack([way, walked.distance_sd], axis=1), there).T
+    # linear in time between nodes; after the last node the distance is that of the last
+    values = xp.stack([way, walked.distance_sd], axis=1)
+    final = xp.where(inputs.count > 0, values[xp.maximum(inputs.count - 1, 0)], 0.0)
+    when = xp.where(there, inputs.time[inputs.at], inputs.time[-1] + 1.0 + row.astype(values.dtype))
+    distance, spread = interpolated(inputs.time, when, xp.where(there[:, None], values, final)).T
     strides, deviations, flags = _strides(inputs, intervals, walked, there)
     diagnostics = {
         **walked.diagnostics,
@@ -89,16 +92,6 @@ def stated(inputs: WaistInputs, motion: TrunkMotion, intervals: Intervals, walke
         inputs.time, Legs(None, None), None, distance, inputs.valid, diagnostics, strides,
         strides_stddev=deviations,
     )  # fmt: skip
-
-
-def _along(inputs: WaistInputs, values: Values, there: PyTree) -> Values:
-    """(T, m) values at nodes (n, m), interpolated linearly in time between nodes."""
-    row = xp.arange(values.shape[0], dtype=xp.int32).astype(values.dtype)
-    final = xp.where(inputs.count > 0, values[xp.maximum(inputs.count - 1, 0)], 0.0)
-    beyond = inputs.time[-1] + 1.0 + row
-    when = xp.where(there, inputs.time[inputs.at], beyond)
-    known = xp.where(there[:, None], values, final)
-    return interpolated(inputs.time, when, known)
 
 
 def _strides(
@@ -161,18 +154,12 @@ SHORTEST_LEARNED_M, SLOWEST = 1.05, 0.85
 """[m], [m/s] Limits below the strides from which the pendulum was learned: the medians of 36 walks of `ipol_gait`, as
 this estimator gives them, are 1.06 to 1.59 m and 0.87 to 1.57 m/s."""
 
+FEW = 4
+"""[1] Number of strides unlike those that were learned that is not noted. Chosen by hand."""
 
-SLOW, FEW = 0.6, 4
-"""[m/s], [1] Speed below which a stride is unlike those that were learned, also in a walk that is faster on the whole;
-and number of such strides that is not noted. Straight strides of `ipol_gait` are faster, but for the last ones."""
-
-
-OUTSIDE_SD, CLIMBS_SD = 0.35, 0.6
-"""[1] Relative standard deviation of lengths of strides outside those from which the pendulum was learned, of strides
-that turn, and of strides on stairs. Chosen by simulated people who shuffle, limp or run (`people.gaits`)."""
-
-RISES = 0.25
-"""[m] Rise or fall above which a stride is on stairs, if more than `FEW` are: flat stairs have more, slopes less."""
+OUTSIDE_SD = 0.35
+"""[1] Relative standard deviation of lengths of strides outside those from which the pendulum was learned, and of
+strides that turn. Chosen by simulated people who shuffle, limp or run (`people.gaits`)."""
 
 
 def _least_force(result: Estimate, contacts: np.ndarray) -> np.ndarray:
@@ -189,18 +176,10 @@ def _least_force(result: Estimate, contacts: np.ndarray) -> np.ndarray:
     return np.array([1.0 + float(np.median(steps)) / GRAVITY if steps.size else 1.0 for steps in beside])
 
 
-def _rise(result: Estimate, still: np.ndarray) -> np.ndarray:
-    """(strides,) [m] rise of the trunk over each stride; 0 where rests are too far away to compute it."""
-    time, strides = as_float(result.time), result.strides
-    up = as_float(result.diagnostics["trunk_acceleration"])[:, 2:]
-    height = moved_between(up, still, (len(time) - 1) / float(np.ptp(time)))[:, 0]
-    return np.diff(np.interp([as_float(strides.start), as_float(strides.end)], time, height), axis=0)[0]
-
-
 def _slow(result: Estimate, inputs: WaistInputs) -> tuple[np.ndarray, list[Note]]:
     """(strides,) bool, strides that are short or slow beside those that were learned, and the note about them: all, if
-    their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for itself (see `SLOW`). Not those of which both
-    steps are beside standing, and integrated.
+    their median is below `SHORTEST_LEARNED_M` or `SLOWEST`, or each for itself. Strides of which both steps are beside
+    standing are integrated, and do not count.
     """
     strides = result.strides
     length, speed, turn = (as_float(part) for part in (strides.length, strides.speed, strides.turn))
@@ -208,7 +187,8 @@ def _slow(result: Estimate, inputs: WaistInputs) -> tuple[np.ndarray, list[Note]
     beside = np.convolve(inputs.stands, np.ones(2 * EDGE_STEPS + 1), mode="same") > 0.0
     contact = as_float(inputs.contact)  # in order; the nearest of each stride's end
     rows = np.searchsorted(0.5 * (contact[1:] + contact[:-1]), as_float(strides.end))
-    noted = slow = kept & (speed < SLOW) & (np.abs(turn) <= LARGEST_TURN) & ~(beside[rows] & beside[rows - 1])
+    # [m/s] straight strides of `ipol_gait` are faster, but for the last ones
+    noted = slow = kept & (speed < 0.6) & (np.abs(turn) <= LARGEST_TURN) & ~(beside[rows] & beside[rows - 1])
     whole = kept & ~np.asarray(result.diagnostics["half"], bool)
     whole = whole if whole.any() else kept
     if np.median(length[whole]) < SHORTEST_LEARNED_M or np.median(speed[whole]) < SLOWEST:
@@ -227,7 +207,7 @@ def _doubts(
     result: Estimate, contacts: np.ndarray, made: Prepared[WaistInputs]
 ) -> tuple[SensorQuality, list[Note], dict[str, np.ndarray]]:
     """Facts and notes if the distance is unreliable by a quarter, strides are slow (see `_slow`), or in some the
-    person climbs (see `RISES`) or runs (see `FREE`); and the evidence about each stride.
+    person climbs or runs (see `FREE`); and the evidence about each stride.
     """
     strides, unlike, notes = result.strides, list[Note](), list[Note]()
     kept = np.asarray(strides.valid, bool)
@@ -241,8 +221,12 @@ def _doubts(
         slow, unlike = _slow(result, made.inputs)
         beside = np.convolve(slow, np.ones(2 * EDGE_STEPS + 1))[EDGE_STEPS:-EDGE_STEPS] > 0.0  # a person stops
         outside = kept & (beside | (np.abs(as_float(strides.turn)) > LARGEST_TURN))
-    rise, force = _rise(result, made.inputs.still), _least_force(result, contacts)
-    climbs, runs = kept & (np.abs(rise) > RISES), kept & (force < FREE)
+    time, up = as_float(result.time), as_float(result.diagnostics["trunk_acceleration"])[:, 2:]
+    # the rise of the trunk over each stride; 0 where rests are too far away to compute it
+    height = moved_between(up, made.inputs.still, (len(time) - 1) / float(np.ptp(time)))[:, 0]
+    rise = np.diff(np.interp([as_float(strides.start), as_float(strides.end)], time, height), axis=0)[0]
+    force = _least_force(result, contacts)
+    climbs, runs = kept & (np.abs(rise) > 0.25), kept & (force < FREE)  # [m] flat stairs rise more, slopes less
     climbs &= climbs.sum() > FEW
     if climbs.any():
         text = "{strides} of {of} strides rise or fall by {rise_m:.2f} m in the median, as on stairs"
@@ -257,7 +241,8 @@ def _doubts(
         unlike.append(NOT_LEARNED.note(text, strides=runs.sum(), of=kept.sum(), share_pct=share))
         outside |= runs
     facts = SensorQuality(unusable=useless, unlike=bool(unlike))
-    evidence = {**among(strides), "outside": np.where(climbs, CLIMBS_SD, OUTSIDE_SD * outside)}
+    # [1] relative deviation of lengths on stairs, chosen as `OUTSIDE_SD`
+    evidence = {**among(strides), "outside": np.where(climbs, 0.6, OUTSIDE_SD * outside)}
     return facts, [*notes, *unlike], evidence
 
 

@@ -8,17 +8,26 @@ from jaxtyping import PyTree
 
 from jgait import filtering
 from jgait.estimators.proportions import HEIGHTS, SENSOR_SD, SENSOR_SHARE, in_metres, outside
-from jgait.estimators.waist.velocity_update import VelocityUpdateParams
 from jgait.events.trunk import PaperRule, Peaks, Soft
 from jgait.notes import record
-from jgait.params import Param, Parameter, documented, interval, positive
+from jgait.params import Param, Parameter, documented, fixed, interval, positive
 from jgait.types import Measures, Values
 
-DISTANCES = ("fused", "update")
 DETECTORS: dict[str, Soft | Peaks | PaperRule] = {"soft": Soft(), "paper": PaperRule()}
 """Detector of initial contacts → its settings, see `events.trunk`."""
 SITES = ("waist", "lower_back", "pelvis")
 """Placements; the first that the recording has is used."""
+
+
+@documented
+class VelocityUpdateParams(NamedTuple):
+    """Parameters of the velocity update, in natural units."""
+
+    threshold: Annotated[Param, Parameter(
+        positive, "m/s", "ε, the least change over a cycle that is taken for a change of speed",
+    )] = 0.3  # fmt: skip
+    highest_hz: Annotated[Param, Parameter(fixed, "Hz", "f_max of the optimum rule")] = 1.0
+    beta: Annotated[Param, Parameter(positive, "1", "β of OFDRI's weight")] = 0.1
 
 
 @documented
@@ -142,12 +151,11 @@ PAPER = WaistOptions(distance="update", detector="paper")
 """The paper's pipeline, as `events.trunk` and `velocity_update` read it."""
 
 
-KNOWN = {"distance": DISTANCES, "detector": DETECTORS}
+KNOWN = {"distance": ("fused", "update"), "detector": DETECTORS}
 """Option → its allowed values."""
 
-
 TAPE_SD = 0.01
-"""[m] Standard deviation of the sensor's height where it was measured."""
+"""[m] Standard deviation of the sensor's height where it was measured with a tape. Chosen by hand."""
 
 
 def with_body(p: WaistParams, body: Measures) -> WaistParams:

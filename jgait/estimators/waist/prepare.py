@@ -17,10 +17,9 @@ from jgait.estimators.notes import (
     STRIDES_UNCERTAIN,
 )
 from jgait.estimators.programs import bucket
-from jgait.estimators.waist import bouts as waist_bouts
-from jgait.estimators.waist import motion as waist_motion
+from jgait.estimators.waist import inputs as waist_inputs
 from jgait.estimators.waist.inputs import NODES, PER_NODE, WaistInputs
-from jgait.estimators.waist.motion import TrunkMotion
+from jgait.estimators.waist.motion import TrunkMotion, motion
 from jgait.estimators.waist.notes import AXES_CORRECTED, GYROSCOPE_CONTRADICTS, LIES_TURNED
 from jgait.estimators.waist.params import DEFAULT, DETECTORS, KNOWN, SITES, WaistOptions, WaistParams
 from jgait.events import shank as shank_events
@@ -37,30 +36,7 @@ from jgait.quality import SensorQuality
 from jgait.signal.windows import held_mean, true_runs, window_size
 from jgait.types import Imu, Recording, RecordingError, as_float
 
-MIRRORED = 0.4
-"""[1] log(misfit / misfit of the gyroscope with the reversed sign) above which the reversal is kept. A misfit is the
-mean square of the horizontal acceleration over a second: with the wrong sign the leans from accelerometer and gyroscope
-have opposite signs. It is below −.5 in 14 public walks, and within ±.2 in simulated people who hardly lean."""
-
-CONTRADICTS = np.deg2rad(15.0)
-"""[rad] Threshold on `mounting.trunk.tilted` of the attitude from gyroscope and accelerometer, above which the
-gyroscope is not used. Undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°."""
-
-LEANS, VARIES = np.deg2rad(25.0), np.deg2rad(10.0)
-"""[rad] Angle between mean force and vertical above which the person does not walk, if the directions there differ by
-more than `VARIES` (root mean square): the sensor is handled, or the person sits down or bends. A sensor that slipped
-keeps its direction. Chosen above all public walks."""
-
-NO_NODES = waist_bouts.nodes([])
-
-
-def placement_of(recording: Recording) -> str:
-    """The placement whose sensor is used. Raises RecordingError if the recording has none."""
-    for name in SITES:
-        if name in recording.sensors:
-            return name
-    need = " or ".join(f"'{name}'" for name in SITES)
-    raise RecordingError(f"waist needs {need}; {sensors_of(recording)}")
+NO_NODES = waist_inputs.nodes([])
 
 
 def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[WaistInputs]:
@@ -71,7 +47,9 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
             backwards, or a sampling rate that is not supported.
     """
     check_options(options, KNOWN)
-    name = placement_of(recording)
+    name = next((site for site in SITES if site in recording.sensors), None)
+    if name is None:
+        raise RecordingError(f"waist needs {' or '.join(map(repr, SITES))}; {sensors_of(recording)}")
     imu = recording.sensors[name]
     time = _checked(recording, name)
     rate = recording.sampling_rate_hz
@@ -88,8 +66,12 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     axes = trunk_axes.functional_axes(whole, rate)
     if axes is None:
         up = as_float(whole.acc).mean(axis=0)
-        axes = TrunkAxes(_any_axes(up / np.linalg.norm(up)), 0.0, 0.0)
-        nobody = _assembled(whole, axes, time, mask, rate, TrunkRest.none(len(time)), NO_NODES)
+        up = up / np.linalg.norm(up)
+        forward = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)  # any
+        forward = forward / np.linalg.norm(forward)
+        axes = TrunkAxes(np.stack([forward, np.cross(up, forward), up]), 0.0, 0.0)
+        never = TrunkRest(np.zeros(len(time), bool), np.zeros(3), 1.0, 0.0, np.eye(3)[2], ())
+        nobody = _assembled(whole, axes, time, mask, rate, never, NO_NODES)
         notes.append(NO_STEPS(placement=name))
         return Prepared(nobody, options, tuple(notes), None, quality={name: SensorQuality(unusable=True)})
     worn, whole = whole, trunk_axes.centred(whole, axes.rows, rate)
@@ -101,8 +83,8 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
     mask &= ~over
     one_pose = not over.any()
     if not axes.sure:
-        _, rested, motion, _ = _motion(whole, axes, time, mask, rate, name, [], one_pose)
-        level = np.stack(motion[:2], axis=1)[: len(time)]
+        _, rested, trunk, _ = _motion(whole, axes, time, mask, rate, name, [], one_pose)
+        level = np.stack(trunk[:2], axis=1)[: len(time)]
         axes = trunk_axes.where_one_went(axes, level, rested.still, rate)
         whole = trunk_axes.centred(worn, axes.rows, rate)
     notes.append(AXES_CORRECTED(placement=name, **trunk_axes.worn(axes)))
@@ -115,19 +97,19 @@ def prepare(recording: Recording, options: WaistOptions = DEFAULT) -> Prepared[W
                 degrees=np.rad2deg(angle[over].max()),
             )
         )  # fmt: skip
-    whole, rested, motion, by_gravity = _motion(whole, axes, time, mask, rate, name, notes, one_pose)
+    whole, rested, trunk, by_gravity = _motion(whole, axes, time, mask, rate, name, notes, one_pose)
     notes += rested.notes
     if abs(off := 1.0 / rested.scale - 1.0) > SCALE_NOTED:
         notes.append(SCALE_CORRECTED(placement=name, percent=100.0 * off, when="at rest"))
-    contacts = _contacts(motion, mask, rate, options)
+    contacts = _contacts(trunk, mask, rate, options)
     if by_gravity:
         contacts = contacts._replace(certainty=np.zeros_like(contacts.certainty))
     still = [(int(a), int(b)) for a, b in true_runs(rested.still)]
-    nodes = waist_bouts.nodes(waist_bouts.bouts(contacts, still, rate, np.asarray(motion.forward)), time)
-    moves = np.stack([motion.forward, motion.upward], axis=1)[: len(time)]
-    quality, more = waist_bouts.notes_of(nodes, len(contacts.time), name, time, moves)
+    nodes = waist_inputs.nodes(waist_inputs.bouts(contacts, still, rate, np.asarray(trunk.forward)), time)
+    moves = np.stack([trunk.forward, trunk.upward], axis=1)[: len(time)]
+    quality, more = waist_inputs.notes_of(nodes, len(contacts.time), name, time, moves)
     notes += more
-    if left_out := waist_bouts.leave_out(nodes, ~mask, time):
+    if left_out := waist_inputs.leave_out(nodes, ~mask, time):
         notes.append(STRIDES_MISSING(strides=left_out, placement=name, seconds=LONGEST_LOSS))
     standing = max(still, key=lambda run: run[1] - run[0], default=None)
     inputs = _assembled(whole, axes, time, mask, rate, rested, nodes)
@@ -154,55 +136,53 @@ def _checked(recording: Recording, name: str) -> np.ndarray:
 
 
 def _motion(
-    imu: Imu,
-    axes: TrunkAxes,
-    time: np.ndarray,
-    mask: np.ndarray,
-    rate: float,
-    name: str,
-    notes: list[Note],
+    imu: Imu, axes: TrunkAxes, time: np.ndarray, mask: np.ndarray, rate: float, name: str, notes: list[Note],
     one_pose: bool,
-) -> tuple[Imu, TrunkRest, TrunkMotion, bool]:
-    """The sensor, its gyroscope's sign reversed if needed (see `MIRRORED`); its rest; the motion of the trunk, by the
-    filter alone; and whether it is by the accelerometer alone.
+) -> tuple[Imu, TrunkRest, TrunkMotion, bool]:  # fmt: skip
+    """The sensor, its gyroscope's sign reversed if needed; its rest; the motion of the trunk, by the filter alone; and
+    whether it is by the accelerometer alone.
 
-    The sign is only judged if the sensor has one pose on the trunk. A gyroscope that contradicts the accelerometer (see
-    `CONTRADICTS`) is replaced: in a turn it would tip the trunk over, and no contact would be found behind the turn.
+    The sign is only judged if the sensor has one pose on the trunk. A gyroscope that contradicts the accelerometer is
+    replaced: in a turn it would tip the trunk over, and no contact would be found behind the turn.
     """
 
     def moved(turned: Imu, rested: TrunkRest) -> tuple[TrunkMotion, float]:
         inputs = _assembled(turned, axes, time, mask, rate, rested, NO_NODES)
         # [s] of padding, so that its end does not affect the slowest filter
         inputs = pad(inputs, bucket(len(time) + round(10.0 * rate)))
-        motion = waist_motion.filtered_motion(WaistParams(), inputs)
-        level = np.stack([motion.forward, motion.left], axis=1)[: len(time)]
-        return motion, float(np.mean(held_mean(level, window_size(1.0, rate)) ** 2))
+        trunk = motion(WaistParams(), inputs, filtered=True)
+        level = np.stack([trunk.forward, trunk.left], axis=1)[: len(time)]
+        return trunk, float(np.mean(held_mean(level, window_size(1.0, rate)) ** 2))
 
+    # The misfit is the mean square of the horizontal acceleration over a second: with the wrong sign the leans from
+    # accelerometer and gyroscope have opposite signs. The logarithm of its growth is below −.5 in 14 public walks, and
+    # within ±.2 in simulated people who hardly lean.
     candidates = []
     for sign in (1.0, -1.0):
         turned = imu._replace(gyr=sign * as_float(imu.gyr))
         rested = trunk_rest(turned, axes.rows, mask, rate)
         candidates.append((turned, rested, *moved(turned, rested)))
     growth = np.log(candidates[0][3] / candidates[1][3]) if candidates[1][3] > 0.0 else 0.0
-    mirrored = one_pose and growth > MIRRORED
-    turned, rested, motion, _ = candidates[int(mirrored)]
-    forces = np.stack([motion.forward, motion.left, motion.upward + GRAVITY], axis=1)[: len(time)]
+    mirrored = one_pose and growth > 0.4
+    turned, rested, trunk, _ = candidates[int(mirrored)]
+    forces = np.stack([trunk.forward, trunk.left, trunk.upward + GRAVITY], axis=1)[: len(time)]
     apart = trunk_axes.tilted(forces, as_float(imu.acc) @ axes.rows.T, rate)
-    if by_gravity := apart > CONTRADICTS:
+    # undamaged walks of `ipol_gait`, `mobgap_lab`, `neura_sparse` and `tripod` reach 8°
+    if by_gravity := apart > np.deg2rad(15.0):
         text = (
             "{placement}: by its gyroscope it leans by up to {degrees:.0f}° away from what its accelerometer shows: "
             "the order or signs of axes of one of them are wrong, or a bias is large; the accelerometer is used alone"
         )
         notes.append(GYROSCOPE_CONTRADICTS.note(text, placement=name, degrees=np.rad2deg(apart)))
         turned, rested = trunk_axes.by_gravity(imu, rate), rested._replace(gyr_bias=np.zeros(3))
-        motion = moved(turned, rested)[0]
+        trunk = moved(turned, rested)[0]
     elif mirrored:
         text = (
             "its gyroscope turns the other way than gravity: the axes are left-handed, or its sign is wrong; turned "
             "round, but left and right may be exchanged"
         )
         notes.append(GYROSCOPE_CONTRADICTS.note(text, placement=name))
-    return turned, rested, motion, bool(by_gravity)
+    return turned, rested, trunk, bool(by_gravity)
 
 
 def _turned_over(imu: Imu, up: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -212,34 +192,29 @@ def _turned_over(imu: Imu, up: np.ndarray, rate: float) -> tuple[np.ndarray, np.
     force = held_mean(as_float(imu.acc), window_size(1.0, rate))
     force = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-9)
     angle = np.arccos(np.clip(force @ up, -1.0, 1.0))
-    over, leans = angle > np.deg2rad(60.0), angle > LEANS  # sitting has less than 60°
+    over, leans = angle > np.deg2rad(60.0), angle > np.deg2rad(25.0)  # sitting has less than 60°, public walks than 25°
+    counts = leans.copy()
     for a, b in true_runs(~leans):
         leans[a:b] |= leans.any() and b - a < 3.0 * rate  # [s] upright for too short a time to walk
     for a, b in true_runs(leans):
-        there = force[a:b][angle[a:b] > LEANS]
-        over[a:b] |= np.sqrt(there.var(axis=0).sum()) > VARIES
+        # the sensor is handled, or the person bends, if directions differ: a sensor that slipped keeps its direction
+        there = force[a:b][counts[a:b]]
+        over[a:b] |= np.sqrt(there.var(axis=0).sum()) > np.deg2rad(10.0)
     return angle, over & (np.sum(over) >= 2.0 * rate)
 
 
-def _contacts(motion: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:
+def _contacts(trunk: TrunkMotion, mask: np.ndarray, rate: float, options: WaistOptions) -> trunk_events.Contacts:
     """Contacts in order of time, on the host; contacts before the first or after the last sample are left out."""
     settings, samples = DETECTORS[options.detector], len(mask)
-    measured = np.pad(mask, (0, motion.forward.size - samples))
+    measured = np.pad(mask, (0, trunk.forward.size - samples))
     contacts = trunk_events.initial_contacts(
-        motion.forward, motion.upward, motion.yaw_rate, float(rate), settings, mask=measured, leftward=motion.left,
-        roll_rate=motion.roll_rate,
+        trunk.forward, trunk.upward, trunk.yaw_rate, float(rate), settings, mask=measured, leftward=trunk.left,
+        roll_rate=trunk.roll_rate,
     )  # fmt: skip
     there = np.asarray(contacts.valid) & (contacts.time >= 0.0) & (contacts.time <= (samples - 1) / rate)
     rows = np.flatnonzero(there)
     rows = rows[np.argsort(contacts.time[rows], kind="stable")]
     return trunk_events.Contacts(*(field[rows] for field in contacts))
-
-
-def _any_axes(up: np.ndarray) -> np.ndarray:
-    """(3, 3) rows forward, left, up with an arbitrary forward axis."""
-    forward = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
-    forward = forward / np.linalg.norm(forward)
-    return np.stack([forward, np.cross(up, forward), up])
 
 
 def _assembled(
@@ -249,17 +224,14 @@ def _assembled(
     """The inputs from signals and decisions, with the nodes' columns padded."""
     gyr, acc = (as_float(values) @ axes.rows.T for values in (imu.gyr, imu.acc))
     rows, count = NODES.length(len(time)), len(nodes["at"])
-
-    def filled(name: str, values: np.ndarray) -> np.ndarray:
-        more = rows - len(values)
-        held = name in ("at", "contact") and len(values) > 0
-        return np.pad(values, (0, more), mode="edge") if held else np.pad(values, (0, more))
-
+    columns = {}
+    for name in PER_NODE:
+        held, more = name in ("at", "contact") and count > 0, rows - len(nodes[name])
+        columns[name] = np.pad(nodes[name], (0, more), mode="edge" if held else "constant")
     dt = np.diff(time, prepend=time[0])
     return WaistInputs(
         time=time, gyr=gyr, acc=acc * rested.scale, still=rested.still, measured=mask, valid=np.ones(len(time), bool),
         dt=dt, last=np.asarray(len(time) - 1, np.int32), rate_hz=np.asarray(float(rate)), gyr_bias=rested.gyr_bias,
         attitude=level(rested.first), start_variance=np.asarray(0.0 if rested.time > 0.0 else 1e-3),
-        cycles=np.asarray(len(nodes["cycle_begin"]), np.int32), count=np.asarray(count, np.int32),
-        **{name: filled(name, nodes[name]) for name in PER_NODE},
+        cycles=np.asarray(len(nodes["cycle_begin"]), np.int32), count=np.asarray(count, np.int32), **columns,
     )  # fmt: skip

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jgait.estimators.waist.ofdri import (
+from jgait.estimators.waist.velocity_update import (
     Cycles,
     direct_reverse_cycles,
     optimum_cutoffs,

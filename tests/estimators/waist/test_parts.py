@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from jgait.estimators.waist import WaistParams, with_body
-from jgait.estimators.waist import steps as waist_steps
-from jgait.estimators.waist.bouts import CLOSING, bouts
-from jgait.estimators.waist.readout import constant_variance
+from jgait.estimators.waist.inputs import CLOSING, bouts
+from jgait.estimators.waist.model import constant_variance, pendulum
 from jgait.events.trunk import Contacts
 from jgait.geometry.vectors import GRAVITY
 
@@ -16,17 +15,15 @@ from jgait.geometry.vectors import GRAVITY
 def test_the_pendulum_of_zijlstra_and_hof():
     p = WaistParams(excursion_power=1.0, surge_power=0.0, pendulum_length=0.9)
     h = np.array([0.01, 0.03, 0.05])
-    np.testing.assert_allclose(
-        waist_steps.pendulum(p, h, np.full(3, 0.3)), 2.0 * np.sqrt(2.0 * 0.9 * h - h * h), rtol=1e-12
-    )
+    np.testing.assert_allclose(pendulum(p, h, np.full(3, 0.3)), 2.0 * np.sqrt(2.0 * 0.9 * h - h * h), rtol=1e-12)
     # who does not rise takes no step, and no derivative is infinite there
-    slope = jax.grad(lambda x: waist_steps.pendulum(p, x, jnp.asarray(0.3)))(0.0)
-    assert waist_steps.pendulum(p, 0.0, 0.3) == 0.0 and float(slope) == 0.0
+    slope = jax.grad(lambda x: pendulum(p, x, jnp.asarray(0.3)))(0.0)
+    assert pendulum(p, 0.0, 0.3) == 0.0 and float(slope) == 0.0
     # both powers, by hand
     both = WaistParams(excursion_power=0.8, surge_power=0.1, pendulum_length=0.9)
     chord, quick = 2.0 * np.sqrt(2.0 * 0.03 / 0.9 - (0.03 / 0.9) ** 2), 0.3 / np.sqrt(GRAVITY * 0.9)
     expected = 0.9 * chord**0.8 * quick**0.1
-    np.testing.assert_allclose(waist_steps.pendulum(both, 0.03, 0.3), expected, rtol=1e-12)
+    np.testing.assert_allclose(pendulum(both, 0.03, 0.3), expected, rtol=1e-12)
 
 
 HZ, STEP = 100.0, 0.5

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from experiments.kose2011.ways import frozen, integrated
-from jgait.estimators.waist.ofdri import Cycles
-from jgait.estimators.waist.velocity_update import VelocityUpdateParams, updated
+from jgait.estimators.waist.params import VelocityUpdateParams
+from jgait.estimators.waist.velocity_update import Cycles, updated
 
 DT, SAMPLES, PERIOD, FIRST = 0.01, 1100, 105, 180
 TIME = np.arange(SAMPLES) * DT
