@@ -74,27 +74,34 @@ class TrunkObservation(NamedTuple):
     force: Three | Values
 
 
-def transition(p: WaistParams, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkState:
+class TrunkNoise(NamedTuple):
+    """Parameters of the model, few, because their gradient is carried through all samples."""
+
+    gyr_bias_walk: Values  #: spectral density of the gyroscope bias's random walk [rad²/s³].
+    acc_bias_walk: Values  #: the same for the accelerometer bias [m²/s⁵].
+
+
+def transition(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkState:
     """The attitude rotated by the angular rate over one interval."""
     del p
     turned = product(quaternion(s.attitude), normalised(small_turn(vector(dt * (u.gyr - s.gyr_bias)))))
     return TrunkState(as_array(turned), s.gyr_bias, s.acc_bias)
 
 
-def transition_noise(p: WaistParams, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkError:
+def transition_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl, dt: Values) -> TrunkError:
     """Process noise of the attitude, from the rate's error over the interval, and of both biases."""
     del s
-    return TrunkError(u.gyr_density * dt, p.gyr_bias_walk**2 * dt, p.sensor_bias_walk**2 * dt)
+    return TrunkError(u.gyr_density * dt, p.gyr_bias_walk * dt, p.acc_bias_walk * dt)
 
 
-def observation(p: WaistParams, s: TrunkState, u: TrunkControl) -> TrunkObservation:
+def observation(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
     """The specific force in the world, without gravity."""
     del p
     force = rotated(quaternion(s.attitude), vector(u.acc - s.acc_bias))
     return TrunkObservation(as_array((force.x, force.y, force.z - GRAVITY)))
 
 
-def observation_noise(p: WaistParams, s: TrunkState, u: TrunkControl) -> TrunkObservation:
+def observation_noise(p: TrunkNoise, s: TrunkState, u: TrunkControl) -> TrunkObservation:
     """Variance of the trunk's acceleration."""
     del p, s
     return TrunkObservation(u.acc_variance)
@@ -105,7 +112,7 @@ def local(reference: TrunkState, s: TrunkState) -> TrunkError:
     return TrunkError(*differences(reference, s))
 
 
-def initial(p: WaistParams) -> Belief:
+def initial(p: TrunkNoise) -> Belief:
     """The belief of an upright trunk, the sensor's z axis up, biases zero with small variances."""
     del p
     return belief(np.eye(4)[0], np.zeros(3), TrunkError(1e-3, 1e-4, 1e-2))
@@ -145,8 +152,9 @@ def motion(
     settled = p.gyr_noise * p.acc_noise / GRAVITY + inputs.start_variance
     known = [xp.zeros_like(inputs.rate_hz) + v for v in (settled, p.gyr_bias**2, p.sensor_bias**2)]
     start = belief(inputs.attitude, inputs.gyr_bias, TrunkError(*known))
+    noise = TrunkNoise(p.gyr_bias_walk**2, p.sensor_bias_walk**2)
     run = compiled(_states)
-    inferred = run(p, controls, inputs.dt, inputs.measured, start, smooth=smooth, method=method)
+    inferred = run(noise, controls, inputs.dt, inputs.measured, start, smooth=smooth, method=method)
     state = inferred.filtered.mean if filtered else inferred.mean
     ones, zeros = xp.ones_like(inputs.dt), xp.zeros_like(inputs.dt)
     attitude = quaternion(state.attitude)
@@ -170,7 +178,7 @@ def motion(
 
 
 def _states(
-    p: WaistParams, controls: TrunkControl, dt: Values, measured: Flags, start: filtering.Belief, smooth: bool,
+    p: TrunkNoise, controls: TrunkControl, dt: Values, measured: Flags, start: filtering.Belief, smooth: bool,
     method: filtering.Method,
 ) -> filtering.Inferred:  # fmt: skip
     return filtering.infer(

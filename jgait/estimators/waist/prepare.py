@@ -226,8 +226,8 @@ def _assembled(
     rows, count = NODES.length(len(time)), len(nodes["at"])
     columns = {}
     for name in PER_NODE:
-        held, more = name in ("at", "contact") and count > 0, rows - len(nodes[name])
-        columns[name] = np.pad(nodes[name], (0, more), mode="edge" if held else "constant")
+        held, more = name in ("at", "contact") and count > 0, (0, rows - len(nodes[name]))
+        columns[name] = np.pad(nodes[name], more, mode="edge") if held else np.pad(nodes[name], more)
     dt = np.diff(time, prepend=time[0])
     return WaistInputs(
         time=time, gyr=gyr, acc=acc * rested.scale, still=rested.still, measured=mask, valid=np.ones(len(time), bool),
