@@ -17,11 +17,10 @@ from experiments.common.row import Row, show
 from experiments.udaya2010 import literal as printed_filters
 from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.walked import Walked, neura, people
-from jgait.duty_cycle.fillers.base import HELD, Thigh
+from jgait.duty_cycle.filling import HELD, Thigh
 from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.duty_cycled_gyro import model as duty_model
-from jgait.estimators.duty_cycled_gyro import turns
-from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment
+from jgait.estimators.duty_cycled_gyro.params import DutyInputs, PlanarSegment
 from jgait.estimators.interface import pad
 from jgait.estimators.leg_ekf import one_side
 from jgait.types import SIDES, as_float, leg_of
@@ -73,7 +72,7 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
         zero, always = np.zeros_like(inputs.time), np.ones(len(inputs.time), bool)
         measured = always if on is None else np.asarray(shank.on & on[f"shank_{side}"])
         known, rates = jnp.stack([always, measured]), jnp.stack([thigh.turn, shank.turn])
-        turning = turns.turning(rates, known, inputs.dt, turns.no_turn(rates))[1]
+        turning = duty_model.turning(rates, known, inputs.dt, duty_model.no_turn(rates))[1]
         rate, filled, seen = shank.gyr - shank.bias, zero, always
         if on is not None:
             above = Thigh(thigh.gyr - thigh.bias, thigh.acc)
@@ -84,7 +83,7 @@ def _filtered(one: Walked, filler: str, literal: bool, on: Mapping[str, np.ndarr
         segments = [
             PlanarSegment(
                 values, part.acc[:, 0], part.acc[:, 2], always, there,
-                turns.excess(usual.turn_tilt, turning, inputs.dt, more), part.bias, part.variance,
+                duty_model.excess(usual.turn_tilt, turning, inputs.dt, more), part.bias, part.variance,
             )
             for part, values, there, more in (
                 (thigh, thigh.gyr, always, zero), (shank, rate + shank.bias, seen, filled)

@@ -3,8 +3,8 @@
 from functools import partial
 
 from experiments.udaya2010 import oscillator, ridge
-from jgait.duty_cycle.fillers import registry
-from jgait.duty_cycle.fillers.base import Filler
+from jgait.duty_cycle.fillers import FILLERS
+from jgait.duty_cycle.filling import Filler
 from jgait.params import ranges
 
 LATER = Filler(partial(ridge.ridge, latency_s=0.4), ridge.RIDGE, ranges(ridge.RIDGE), needs_acc=True)
@@ -13,4 +13,4 @@ LATER = Filler(partial(ridge.ridge, latency_s=0.4), ridge.RIDGE, ranges(ridge.RI
 
 def fillers() -> dict[str, Filler]:
     """Name → filler."""
-    return {**registry.fillers(), **ridge.FILLERS, "ridge_later": LATER, **oscillator.FILLERS}
+    return {**FILLERS, **ridge.FILLERS, "ridge_later": LATER, **oscillator.FILLERS}

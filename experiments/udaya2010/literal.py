@@ -11,14 +11,15 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 
 from jgait import filtering
-from jgait.estimators.duty_cycled_gyro.model_params import (
+from jgait.estimators.duty_cycled_gyro.params import (
+    DutyCycledParams,
     DutyEstimate,
     DutyInputs,
     PlanarSegment,
     SegmentEstimate,
     ThighState,
+    levers,
 )
-from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.filtering import Belief, Covariance, Model
 from jgait.geometry.vectors import GRAVITY
 

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jgait.duty_cycle.fillers.base import (
+from jgait.duty_cycle.filling import (
     Filled,
     Filler,
     Force,
@@ -32,9 +32,10 @@ from jgait.duty_cycle.fillers.base import (
     Rate,
     Thigh,
     finished,
+    measured_enough,
+    pace,
     started,
 )
-from jgait.duty_cycle.fillers.pace import measured_enough, pace
 from jgait.filtering import EKF, KF, Belief, Covariance, Model, kalman_filter
 from jgait.params import fixed, positive
 
@@ -112,7 +113,7 @@ def extrapolate(
 ) -> Filled:  # fmt: skip
     """The rate continues with its slope, and both decay: prediction by a constant-velocity filter.
 
-    Arguments and errors: see `jgait.duty_cycle.fillers.base`.
+    Arguments and errors: see `jgait.duty_cycle.filling`.
     """
     s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
     told = pace(s, sampling_rate_hz)
@@ -192,7 +193,7 @@ def resonate(
 ) -> Filled:  # fmt: skip
     """Harmonics of the estimated stride frequency turn on: prediction by a linear filter.
 
-    Arguments and errors: see `jgait.duty_cycle.fillers.base`.
+    Arguments and errors: see `jgait.duty_cycle.filling`.
     """
     s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
     told = pace(s, sampling_rate_hz)
@@ -300,7 +301,7 @@ def oscillate(
 ) -> Filled:  # fmt: skip
     """A phase-locked oscillator with harmonics: an extended Kalman filter, with or without accelerometer.
 
-    Arguments and errors: see `jgait.duty_cycle.fillers.base`.
+    Arguments and errors: see `jgait.duty_cycle.filling`.
     """
     s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
     told = pace(s, sampling_rate_hz)

@@ -25,8 +25,8 @@ from jax import Array, lax
 
 from experiments.udaya2010.relaxed import relaxed_masks, relaxed_power
 from jgait import params
-from jgait.duty_cycle.fillers import neighbours as gap_neighbours
-from jgait.duty_cycle.fillers.neighbours import Neighbours
+from jgait.duty_cycle import fillers as gap_fillers
+from jgait.duty_cycle.fillers import Neighbours
 from jgait.duty_cycle.power import Sensor
 
 SHARPNESS = (0.12, 0.02)
@@ -82,7 +82,7 @@ class Free(NamedTuple):
 
 
 def distances(apart: Array, p: Neighbours, dt: Any) -> Array:
-    """Distances q of `duty_cycle.fillers.neighbours` between the histories of all samples, from square differences of
+    """Distances q of `duty_cycle.fillers` between the histories of all samples, from square differences of
     signals.
 
     Args:
@@ -179,7 +179,8 @@ def descents(
     fit = ("history_s", "bandwidth", "short", "thigh_rate_scale", "thigh_acc_scale") if settings.fit_filler else ()
     fixed = Neighbours(*(params.fixed,) * len(Neighbours._fields))
     transforms = Free(
-        Plan(bounds, bounds), fixed._replace(**{name: getattr(gap_neighbours.TRANSFORMS, name) for name in fit})
+        Plan(bounds, bounds),
+        fixed._replace(**{name: getattr(gap_fillers.FILLERS["neighbours"].transforms, name) for name in fit}),
     )
     base = Free(Plan(jnp.ones_like(prices[0]), jnp.ones_like(prices[0])), neighbours)
 

@@ -16,10 +16,10 @@ import numpy as np
 from jax import Array
 
 from experiments.udaya2010.power_descent import Plan, Settings, Stack, descents
+from jgait.duty_cycle import fillers as gap_fillers
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers import neighbours as gap_neighbours
-from jgait.duty_cycle.fillers.base import Filler, Thigh
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours
+from jgait.duty_cycle.fillers import NEIGHBOURS, Neighbours
+from jgait.duty_cycle.filling import Filler, Thigh
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Schedule, Sensor
 
 USUAL = Settings()
@@ -70,7 +70,9 @@ class Point(NamedTuple):
 
 def alone(neighbours: Neighbours) -> Filler:
     """The neighbours alone, trusted as soon as one stride was measured: a schedule begins behind `Shank.begin`."""
-    return Filler(gap_neighbours.neighbours, neighbours._replace(least_strides=1.0), gap_neighbours.TRANSFORMS)
+    return Filler(
+        gap_fillers.neighbours, neighbours._replace(least_strides=1.0), gap_fillers.FILLERS["neighbours"].transforms
+    )
 
 
 def undominated(power: Any, error: Any) -> np.ndarray:

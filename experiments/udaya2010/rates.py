@@ -8,7 +8,7 @@ import numpy as np
 from experiments.common import protocols
 from experiments.common.row import Row
 from jgait import plot
-from jgait.duty_cycle.fillers.base import MEASURED
+from jgait.duty_cycle.filling import MEASURED
 from jgait.estimators import duty_cycled_gyro
 from jgait.plot.duty import shade_sleep
 from jgait.plot.style import RED, Axes, Figure, Seconds, Style, blank, check_overlap, legend, windowed

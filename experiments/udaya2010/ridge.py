@@ -19,9 +19,8 @@ from jax import lax
 from jax.typing import DTypeLike
 from jaxtyping import Array, Bool, Float
 
-from jgait.duty_cycle.fillers.base import Filled, Filler, Force, On, Rate, Signals, Thigh, started
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours, neighbours, scaled
-from jgait.duty_cycle.fillers.pace import filled_once_enough
+from jgait.duty_cycle.fillers import NEIGHBOURS, Neighbours, neighbours, scaled
+from jgait.duty_cycle.filling import Filled, Filler, Force, On, Rate, Signals, Thigh, filled_once_enough, started
 from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 
 HISTORY_S, SPACING_S = 0.4, 0.04

@@ -18,7 +18,7 @@ from experiments.common.row import Row, show
 from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.legs import RATE_HZ, Case, Leg, legs, overground_case, papers_case, simulated, warm_case
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import Filler, Thigh
+from jgait.duty_cycle.filling import Filler, Thigh
 
 SAVINGS = {90: 8.57, 80: 17.14, 70: 28.57, 60: 37.14, 50: 42.86, 40: 57.14, 30: 68.57, 20: 77.14, 10: 88.57}
 """Table 2: duty cycle [%] → energy saving [%]."""

@@ -16,8 +16,8 @@ from experiments.udaya2010.power_tradeoff import Plan, Point, Settings, Shank
 from experiments.udaya2010.ridge import BLEND, RIDGE, blend
 from experiments.udaya2010.ridge import FILLERS as RIDGE_FILLERS
 from experiments.udaya2010.triggered import Group, grouped
-from jgait.duty_cycle.fillers.base import Filler, Thigh
-from jgait.duty_cycle.fillers.neighbours import Neighbours
+from jgait.duty_cycle.fillers import Neighbours
+from jgait.duty_cycle.filling import Filler, Thigh
 
 PRICES = {"tripod": (0.02, 0.05, 0.1, 0.2, 0.6), "walking5m": (0.05, 0.12, 0.25, 0.5, 1.2)}
 PERIOD = {"tripod": 4.0, "walking5m": 2.0}

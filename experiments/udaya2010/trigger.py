@@ -1,6 +1,6 @@
 r"""Waking a gyroscope when the filler's own predicted error is worth the energy; causal.
 
-`duty_cycle.fillers.neighbours` fills the gaps. Beside each rate its error is predicted, now and for the stride to come,
+`duty_cycle.fillers` fills the gaps. Beside each rate its error is predicted, now and for the stride to come,
 
     e²_{t,k} = s_t ρ(φ_t + k/P) + c_v g_t v_t e^{−k/τ_v} + c_x x_t e^{−k/τ_x}
 
@@ -32,10 +32,10 @@ import jax.numpy as jnp
 from jax import Array, jit, lax, tree
 from jax.typing import ArrayLike
 
+from jgait.duty_cycle import fillers as gap_fillers
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers import neighbours as gap_neighbours
-from jgait.duty_cycle.fillers.base import PERIODS, Filled, Signals, Thigh, check_signals, finished, pushed
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, Neighbours
+from jgait.duty_cycle.fillers import NEIGHBOURS, Neighbours
+from jgait.duty_cycle.filling import PERIODS, Filled, Signals, Thigh, check_signals, finished, pushed
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Sensor
 from jgait.params import fixed, interval, positive, real
 
@@ -187,8 +187,8 @@ def triggered(
 def _run(
     s: Signals, p: Trigger, neighbours: Neighbours, prices: Array, sampling_rate_hz: float, lead: int, ahead: int
 ) -> Triggered:
-    compared = gap_neighbours.scaled(s, neighbours)
-    size = min(len(s.rate), round(gap_neighbours.MEMORY_S * sampling_rate_hz))
+    compared = gap_fillers.scaled(s, neighbours)
+    size = min(len(s.rate), round(gap_fillers.MEMORY_S * sampling_rate_hz))
     nought, dt = jnp.zeros_like(s.rate[0]), jnp.asarray(1.0 / sampling_rate_hz, s.rate.dtype)
     gain = jnp.inf if p.budget is None else p.budget * dt
     price = jnp.minimum(p.wake**2, 1e6)  # an infinite one would cancel another
@@ -308,7 +308,7 @@ def remembered(
     distance = there * ((signals[None] - s.signals) ** 2).sum(axis=1) + keep * s.distance
     weight = there + keep * s.weight
     alike = distance / jnp.where(s.there, weight, 1.0) + p.short * (1.0 - (1.0 - keep) * weight)
-    told = gap_neighbours.mean_rate(p, alike, gap_neighbours.nearest(alike, s.usable), s.rate, s.usable)
+    told = gap_fillers.mean_rate(p, alike, gap_fillers.nearest(alike, s.usable), s.rate, s.usable)
     after = Memory(
         pushed(s.signals, signals), pushed(s.rate, rate), pushed(s.usable, usable),
         pushed(s.there, jnp.ones_like(usable)), distance, weight,

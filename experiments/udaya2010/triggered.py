@@ -22,7 +22,7 @@ from experiments.udaya2010.fillers import fillers
 from experiments.udaya2010.legs import RATE_HZ, SWINGING, Case, Leg, legs, stride_samples
 from experiments.udaya2010.table2 import relative_errors
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import Thigh
+from jgait.duty_cycle.filling import Thigh
 
 LEVEL = 0.10
 BELT_LEVEL = 0.05

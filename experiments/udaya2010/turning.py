@@ -15,8 +15,8 @@ from experiments.common.recordings import available
 from experiments.common.row import Row, show
 from experiments.udaya2010.walked import neura
 from jgait import simulate
-from jgait.duty_cycle.fillers.base import MEASURED, Thigh
-from jgait.duty_cycle.fillers.neighbours import neighbours
+from jgait.duty_cycle.fillers import neighbours
+from jgait.duty_cycle.filling import MEASURED, Thigh
 from jgait.estimators import duty_cycled_gyro
 from jgait.estimators.duty_cycled_gyro import DEFAULT, DutyCycledParams
 from jgait.simulate.sensors import OPAL

@@ -15,8 +15,8 @@ from jax.tree_util import keystr, tree_map_with_path
 from jaxtyping import Bool, Float, Int
 
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filler, On, Thigh
-from jgait.duty_cycle.fillers.registry import fillers
+from jgait.duty_cycle.fillers import FILLERS
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED, Filler, On, Thigh
 from jgait.duty_cycle.power import GYROSCOPE, Masks, Schedule, Sensor
 from jgait.notes import Kind
 from jgait.types import SIDES, Imu, Recording, RecordingError, as_float
@@ -88,10 +88,9 @@ def check_filler(name: str | Filler) -> Filler:
     """A filler by name, or as it is. Raises ValueError if there is none of the name."""
     if isinstance(name, Filler):
         return name
-    every = fillers()
-    if name not in every:
-        raise ValueError(f"filler must be one of {', '.join(every)}; got {name!r}")
-    return every[name]
+    if name not in FILLERS:
+        raise ValueError(f"filler must be one of {', '.join(FILLERS)}; got {name!r}")
+    return FILLERS[name]
 
 
 def acc_received(imu: Imu, gyro_on: On | None = None) -> Bool[np.ndarray, "time"]:
@@ -144,7 +143,7 @@ def fill_recording(
     Args:
         recording: with sensors on thighs or shanks; other sensors stay as they are.
         schedule: hides samples of shanks; a duty cycle [1] is in units of 1.4 s; None: only masked samples are filled.
-        filler: a filler, or its name in `jgait.duty_cycle.fillers.registry`; a shank's also uses a thigh's signals.
+        filler: a filler, or its name in `jgait.duty_cycle.fillers`; a shank's also uses a thigh's signals.
         gyro_on: placement → (T,) bool, when its gyroscope was on and awake.
         warm_up: time for which gyroscopes are on before the schedule, which then begins with the off-time [s]; 0: the
             schedule begins at the first sample, with the on-time.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED
 from jgait.plot.style import BLUE, GROUND, Axes, Figure, Seconds, Style, band, legend, panels, windowed
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Estimate, as_float

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 from made.gaps import COUNT, RATE_HZ, STRIDE, schedule, walk
 
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Thigh, check_signals
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS, neighbours
-from jgait.duty_cycle.fillers.pace import pace
-from jgait.duty_cycle.fillers.plain import hold, replicate
-from jgait.duty_cycle.fillers.registry import fillers
+from jgait.duty_cycle.fillers import FILLERS, NEIGHBOURS, hold, neighbours, replicate
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED, Thigh, check_signals, pace
 from jgait.mounting import shank as shank_axes
 from jgait.params import check_params
 
@@ -32,15 +29,15 @@ def told(name):
     rates = jnp.asarray(np.stack([rate, other, future, rate]))
     masks = jnp.asarray(np.stack([on, on, on ^ (after & ~on), little]))
     accs = jnp.asarray(np.stack([acc, acc, felt, acc]))
-    one = fillers()[name]
+    one = FILLERS[name]
     found = jax.jit(jax.vmap(lambda r, u, a: one.fill(r, u, a, RATE_HZ, one.params)))(rates, masks, accs)
     return SimpleNamespace(rates=rates, masks=masks, rate=np.asarray(found.rate), how=np.asarray(found.how),
                            latency=int(found.latency[0]))  # fmt: skip
 
 
-@pytest.mark.parametrize("name", list(fillers()))
+@pytest.mark.parametrize("name", list(FILLERS))
 def test_every_filler_keeps_the_interface(name):
-    t, one = told(name), fillers()[name]
+    t, one = told(name), FILLERS[name]
     check_params(one.params, one.transforms)
     on = np.asarray(t.masks[0])  # measured samples are passed on, and every sample is flagged
     np.testing.assert_array_equal(t.rate[0][on], np.asarray(t.rates[0])[on])
@@ -57,7 +54,7 @@ def test_every_filler_keeps_the_interface(name):
 
 
 def test_the_accelerometer_is_asked_for_where_it_is_needed():
-    one = fillers()["neighbours"]
+    one = FILLERS["neighbours"]
     assert one.needs_acc
     with pytest.raises(ValueError, match="acc is None"):
         one.fill(walk(120)[0], schedule(120), None, RATE_HZ, one.params)
@@ -134,7 +131,7 @@ def test_a_real_shank_is_filled_better_than_the_paper_fills_it(data):
     part = slice(begin, begin + round(14 * walk.recording.sampling_rate_hz), 2)
     rate, acc = np.asarray(imu.gyr)[part] @ axes.rows[1], np.asarray(imu.acc)[part] @ axes.rows.T
     on = np.arange(len(rate)) // 90 % 5 < 2  # 1.4 s at 64 Hz
-    one = fillers()["neighbours"]
+    one = FILLERS["neighbours"]
     found = one.fill(rate, on, acc, walk.recording.sampling_rate_hz / 2, one.params)
     error = np.asarray(found.rate) - rate
     assert np.sqrt(np.mean(error**2) / np.mean(rate**2)) < 0.10

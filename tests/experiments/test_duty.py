@@ -7,7 +7,7 @@ from made.gaps import COUNT, RATE_HZ, schedule, walk
 from experiments.udaya2010 import legs
 from experiments.udaya2010 import table2 as table
 from experiments.udaya2010.ridge import RIDGE, ridge
-from jgait.duty_cycle.fillers.registry import fillers
+from jgait.duty_cycle.fillers import FILLERS
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_warm_up_and_two_strides_are_measured_before_the_first_gap(walker):
 
 def test_the_error_of_holding_by_hand_whatever_it_is_padded_with(walker):
     cases = [legs.overground_case(walker, 50), legs.overground_case(walker.part(0, 400), 50)]
-    told = table.relative_errors(fillers()["hold"], cases, least_strides=2.0, thigh=False)
+    told = table.relative_errors(FILLERS["hold"], cases, least_strides=2.0, thigh=False)
     for error, case in zip(told, cases, strict=True):
         last = np.maximum.accumulate(np.where(case.usable, np.arange(len(case.usable)), 0))
         true = case.leg.rate
@@ -51,7 +51,7 @@ def test_neighbours_beat_the_paper_on_a_leg_that_they_were_not_tuned_on(data):
     leg = legs.legs("tripod", (name,))[0]
     assert not leg.tuned and leg.thigh is None
     cases = [legs.papers_case(leg, duty) for duty in (40, 10)]
-    told = table.relative_errors(fillers()["neighbours"], cases, least_strides=1.0, thigh=False)
+    told = table.relative_errors(FILLERS["neighbours"], cases, least_strides=1.0, thigh=False)
     # Measured .05 and .08; the paper has .267 and .302.
     assert told[0] < 0.10 and told[1] < 0.17
 

@@ -9,7 +9,7 @@ from made.gaps import varying
 from experiments.udaya2010 import power_descent, power_tradeoff
 from experiments.udaya2010.power_tradeoff import Shank
 from experiments.udaya2010.relaxed import relaxed_masks
-from jgait.duty_cycle.fillers.neighbours import NEIGHBOURS
+from jgait.duty_cycle.fillers import NEIGHBOURS
 
 pytestmark = pytest.mark.release
 

@@ -11,7 +11,7 @@ from made.gaps import varying
 
 from experiments.udaya2010.trigger import TRIGGER, _planned, triggered
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import FILLED, MEASURED
+from jgait.duty_cycle.filling import FILLED, MEASURED
 from jgait.duty_cycle.power import GYROSCOPE
 
 pytestmark = pytest.mark.release

@@ -9,7 +9,7 @@ from made.observability import observability_rank
 from experiments.bennett2013 import literal as bennett2013_literal
 from experiments.potter import literal as potter_literal
 from experiments.udaya2010 import literal as udaya
-from jgait.estimators.duty_cycled_gyro.model_params import ThighState
+from jgait.estimators.duty_cycled_gyro.params import ThighState
 from jgait.estimators.leg_ekf import model as leg_model
 from jgait.estimators.stride_width_ekf import model as width_model
 from jgait.estimators.stride_width_ekf.model import PathControl, WidthControl, WidthState

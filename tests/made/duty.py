@@ -3,7 +3,7 @@
 import numpy as np
 from made.notes import note
 
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED
 from jgait.types import Estimate, Legs, LegTrajectory
 
 RATE, SAMPLES = 50.0, 2000

@@ -5,7 +5,7 @@ import pytest
 from made.duty import flags, made
 
 from jgait import plot
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED
 from jgait.estimators.duty_cycled_gyro import about
 from jgait.types import as_float
 

@@ -28,7 +28,7 @@ Deviations from the paper:
         "replicate" looks a stride period back. On `tripod` after the paper's protocol their errors at duty 40 and 10 %
         are 0.06 and 0.09 of the signal, those printed 0.27 and 0.30 (`experiments/udaya2010`).
     14. The paper judges the gyroscope's rate; here angles come out as well. One axis of the gyroscope does not measure
-        turns, so that in a turn its rate counts for less, see `duty_cycled_gyro.turns`. `leg_ekf`
+        turns, so that in a turn its rate counts for less, see `duty_cycled_gyro.model`. `leg_ekf`
         measures turns, but takes filled samples (`duty_cycle.recording`) as measured, with too small deviations.
 """
 

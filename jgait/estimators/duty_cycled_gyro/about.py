@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import PyTree
 
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED
 from jgait.duty_cycle.power import GYROSCOPE, MOST_UNITS
 from jgait.duty_cycle.recording import check_filler, schedule_of
 from jgait.estimators.about import About, CommandOption, EstimateFigure, EstimateTable, Settings

@@ -11,27 +11,27 @@ from jax import lax
 from jaxtyping import PyTree
 
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED, Filled, Thigh
-from jgait.duty_cycle.fillers.registry import fillers
+from jgait.duty_cycle.fillers import FILLERS
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED, Filled, Thigh
 from jgait.duty_cycle.recording import SEGMENTS, schedule_of
 from jgait.estimators.ankle_stride.prepare import STRIDES_QUICK
 from jgait.estimators.cycles import swing_cycles
 from jgait.estimators.duty_cycled_gyro import model as duty_model
-from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.about import ABOUT
-from jgait.estimators.duty_cycled_gyro.model_params import DutyInputs, PlanarSegment, SegmentEstimate
-from jgait.estimators.duty_cycled_gyro.notes import RATE_HELD
 from jgait.estimators.duty_cycled_gyro.params import (
     DEFAULT,
     DutyCycledInputs,
     DutyCycledOptions,
     DutyCycledParams,
+    DutyInputs,
     GapLeg,
     GapSegment,
+    PlanarSegment,
+    SegmentEstimate,
     params_of,
     with_body,
 )
-from jgait.estimators.duty_cycled_gyro.prepare import LOST, prepare
+from jgait.estimators.duty_cycled_gyro.prepare import LOST, RATE_HELD, prepare
 from jgait.estimators.interface import Estimator, Prepared
 from jgait.estimators.leg_ekf.params import one_side
 from jgait.estimators.plausible import QUICK_S
@@ -56,7 +56,7 @@ def _fill(
         none = jnp.zeros(rate.shape, jnp.int32)
         return Filled(rate, none + MEASURED, none[0])
     acc = jnp.asarray(segment.acc) if options.accelerometers else None
-    return fillers()[options.filler].fill(
+    return FILLERS[options.filler].fill(
         rate, jnp.asarray(segment.on) | ~jnp.asarray(valid), acc, options.sampling_rate_hz, p.filler, thigh=thigh
     )  # fmt: skip
 
@@ -65,7 +65,7 @@ def _planar(p: DutyCycledParams, segment: GapSegment, filled: Filled, turning: V
     """Inputs of the filter of one segment: filled rates have a larger variance, held rates are masked."""
     acc, measured = jnp.asarray(segment.acc), filled.how != HELD
     more = jnp.where(filled.how == FILLED, p.filled_noise**2 * filled.unlike, 0.0)
-    excess = turns.excess(p.turn_tilt, turning, dt, more).astype(filled.rate.dtype)
+    excess = duty_model.excess(p.turn_tilt, turning, dt, more).astype(filled.rate.dtype)
     return PlanarSegment(
         filled.rate + segment.bias, acc[:, 0], acc[:, 2], jnp.asarray(segment.acc_measured), measured, excess,
         segment.bias, segment.variance,
@@ -79,7 +79,7 @@ def _turning(inputs: DutyCycledInputs) -> Values:
         jnp.stack([jnp.asarray(v) for v in values])
         for values in zip(*((sensor.turn, sensor.on) for sensor in worn), strict=True)
     )
-    return turns.turning(rates, on, inputs.dt, turns.no_turn(rates))[1]
+    return duty_model.turning(rates, on, inputs.dt, duty_model.no_turn(rates))[1]
 
 
 def _leg(

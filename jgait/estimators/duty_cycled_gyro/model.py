@@ -14,7 +14,7 @@ While the gyroscope is off, its observation is masked; gravity, the rigid link a
 correct rate and angle. Rates filled from earlier strides (`duty_cycle.fillers`) give more accurate angles. While the
 person stands, accelerations are observed as 0.
 
-One gyroscope axis does not measure turns. Where the person turns, the rate counts for less (`turns`), and gravity
+One gyroscope axis does not measure turns. Where the person turns, the rate counts for less (`excess`), and gravity
 corrects the angle: on `neura_sparse` with its U-turn thigh and shank are within 5.5° and 2.7° (left), 2.9° and 1.8°
 (right) of motion capture (standard deviation); `leg_ekf`, which takes all three axes, within 4.7° and 1.5°, 2.2° and
 1.2°.
@@ -57,13 +57,16 @@ gait assessment using wearable sensors", Wireless Health 2010, sections 4 and 8.
 """
 
 from functools import partial
+from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import PyTree
 
 from jgait import filtering
-from jgait.estimators.duty_cycled_gyro.model_params import (
+from jgait.estimators.duty_cycled_gyro.params import (
     DutyControl,
+    DutyCycledParams,
     DutyEstimate,
     DutyInputs,
     LinkParams,
@@ -73,8 +76,8 @@ from jgait.estimators.duty_cycled_gyro.model_params import (
     ShinState,
     ThighObservation,
     ThighState,
+    levers,
 )
-from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, levers
 from jgait.filtering import Belief, Covariance, Model, Posterior
 from jgait.filtering.covariance import Layout
 from jgait.geometry.vectors import GRAVITY
@@ -311,3 +314,52 @@ def run(
     return over(
         p, (thigh, shank), beliefs, inputs.dt, inputs.still, inputs.valid, accelerometers=accelerometers, method=method
     )[0]
+
+
+class Turn(NamedTuple):
+    """Rate of the turn after a sample [rad/s], and the time since a gyroscope was on [s]."""
+
+    rate: Values
+    since: Values
+
+
+def no_turn(rates: Values) -> Turn:
+    """The turn before the first sample, for rates (n, T)."""
+    return Turn(jnp.zeros_like(rates[0, 0]), jnp.zeros_like(rates[0, 0]))
+
+
+def turning(rates: Values, on: Flags, dt: Values, before: Turn) -> tuple[Turn, Values]:
+    """How fast the person turns: mean over the segments, then over half a second, as a segment also rotates about its
+    axis within each stride.
+
+    Args:
+        rates: (n, T) rate of n segments about their long axes [rad/s].
+        on: (n, T) bool, the gyroscope was on and its sample arrived.
+        dt: (T,) time since the previous sample [s].
+        before: before the first sample.
+
+    Returns:
+        The state after the last sample, and the rate of the turn at every sample (T,) [rad/s].
+    """
+    count = jnp.sum(on, axis=0)
+    mean = jnp.sum(jnp.where(on, rates, 0.0), axis=0) / jnp.maximum(count, 1).astype(rates.dtype)
+
+    def step(now: Turn, sample: tuple[Values, Flags, Values]) -> tuple[Turn, Values]:
+        rate, measured, dt = sample
+        since = now.since + dt
+        moved = now.rate + (rate - now.rate) * (1.0 - jnp.exp(-since / 0.5))
+        after = Turn(jnp.where(measured, moved, now.rate), jnp.where(measured, 0.0, since))
+        return after, after.rate
+
+    return lax.scan(step, before, (mean, count > 0, jnp.asarray(dt, rates.dtype)))
+
+
+def excess(tilt: Values, turning: Values, dt: Values, filled: Values) -> Values:
+    """(T,) variance of a rate in addition to the gyroscope's [rad²/s²], of a segment with a `tilt` to the side [rad].
+
+    One axis does not measure turns, but a segment that is tilted to the side measures a part of them, as if it swung:
+    on `neura_sparse` a U-turn moved the thigh's angle by up to 35°. The part is nearly the same over the turn, which
+    lasts about 1 s. Arguments as of
+    `turning`; `filled` (T,) is the spectral density of the errors of a filled rate [rad²/s], 0 where it was measured.
+    """
+    return ((tilt * turning) ** 2 + filled) / jnp.maximum(jnp.asarray(dt), 1e-3)

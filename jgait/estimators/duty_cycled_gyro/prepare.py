@@ -8,17 +8,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from jgait.duty_cycle.fillers.base import RATES
+from jgait.duty_cycle.filling import RATES
 from jgait.duty_cycle.power import Masks
 from jgait.duty_cycle.recording import SEGMENTS, acc_of, acc_received, check_filler, gyroscope_masks
 from jgait.estimators.checks import check_nominal_rate, common_time, sensors_of
-from jgait.estimators.duty_cycled_gyro.notes import WORN_ALONE
 from jgait.estimators.duty_cycled_gyro.params import DEFAULT, DutyCycledInputs, DutyCycledOptions, GapLeg, GapSegment
 from jgait.estimators.interface import Prepared
 from jgait.estimators.leg_ekf.prepare import LOWEST_RATE_HZ, in_segment
 from jgait.estimators.notes import NO_ACCELEROMETER, NO_FIRST_STANDING
 from jgait.events.rest import LEGS_RATE, LEGS_SHORTEST_S, legs_at_rest
 from jgait.mounting.leg import SegmentMounting, WornLegs, measured, worn_legs
+from jgait.notes import UNSURE_FORWARD, Kind
 from jgait.signal.windows import true_runs
 from jgait.types import SIDES, Imu, Recording, RecordingError, Values, as_float
 
@@ -37,6 +37,20 @@ LOST = 0.1
 
 MOVES = 10.0
 """[rad/s] Replaces a missing rate in the detection of standing, so that the gap counts as movement."""
+
+
+WORN_ALONE = Kind(
+    "worn_alone", "check", "{placement} is worn alone: which way is forward is computed from its swing", UNSURE_FORWARD
+)
+
+RATE_HELD = Kind(
+    "rate_held",
+    "check",
+    "{placement}: {samples} {samples:sample|samples}, the first at {begin_s:.2f} s and the last at {end_s:.2f} s, "
+    "{samples:has|have} no rate and no angles: too few strides, or none alike, were measured before for the filler",
+    "Angles are missing there. A longer warm-up measures more strides before the gyroscope sleeps; turns, starts and "
+    "stops are unlike strides.",
+)
 
 
 def worn_names(recording: Recording) -> list[str]:

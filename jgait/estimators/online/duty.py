@@ -16,10 +16,8 @@ from jaxtyping import PyTree
 
 from jgait.duty_cycle.recording import SEGMENTS, gyroscope_masks
 from jgait.estimators.duty_cycled_gyro import model as duty_model
-from jgait.estimators.duty_cycled_gyro import turns
 from jgait.estimators.duty_cycled_gyro.estimator import joints
-from jgait.estimators.duty_cycled_gyro.model_params import PlanarSegment, SegmentEstimate
-from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams
+from jgait.estimators.duty_cycled_gyro.params import DutyCycledParams, PlanarSegment, SegmentEstimate
 from jgait.estimators.duty_cycled_gyro.prepare import LOST, checked, find_rests, worn_legs_of, worn_names
 from jgait.estimators.leg_ekf.params import one_side
 from jgait.estimators.online.device import Device, Readings
@@ -47,7 +45,7 @@ class DutyState(NamedTuple):
     beliefs: tuple[tuple[Belief | None, ...], ...]
     slow: Values
     lost: Values
-    turn: turns.Turn
+    turn: duty_model.Turn
     trusted: Flags
 
 
@@ -96,7 +94,7 @@ def begin(c: DutyConstants, sample: Readings, options: DutyDeviceOptions) -> Dut
 
     zeros = jnp.zeros_like(c.worn.scale)
     beliefs = tuple(map(leg, c.each_leg, options.legs))
-    return DutyState(beliefs, zeros[0], zeros, turns.no_turn(c.worn.axes[0]), jnp.zeros((), bool))
+    return DutyState(beliefs, zeros[0], zeros, duty_model.no_turn(c.worn.axes[0]), jnp.zeros((), bool))
 
 
 def advance(
@@ -109,11 +107,11 @@ def advance(
     lost = lost_for(state.lost, samples.turned, samples.dt, count)
     real = jnp.arange(samples.dt.shape[0], dtype=jnp.int32) < count
     on = (samples.turned & real[:, None]).T
-    turn, turning = turns.turning(gyr[:, :, 2] - c.worn.bias[:, 2:], on, samples.dt, state.turn)
+    turn, turning = duty_model.turning(gyr[:, :, 2] - c.worn.bias[:, 2:], on, samples.dt, state.turn)
 
     def planar(params: DutyCycledParams, k: int) -> PlanarSegment:
         turned, rate = samples.turned[:, k], -gyr[k, :, 1]
-        excess = turns.excess(params.turn_tilt, turning, samples.dt, jnp.zeros_like(rate))
+        excess = duty_model.excess(params.turn_tilt, turning, samples.dt, jnp.zeros_like(rate))
         return PlanarSegment(
             rate, acc[k, :, 0], acc[k, :, 2], turned | samples.acc_measured[:, k], turned, excess, -c.worn.bias[k, 1],
             c.worn.variance[k],

@@ -9,7 +9,7 @@ from made.notes import texts
 from experiments.common import protocols
 from jgait import io, simulate
 from jgait.duty_cycle import power
-from jgait.duty_cycle.fillers.base import FILLED, HELD, MEASURED
+from jgait.duty_cycle.filling import FILLED, HELD, MEASURED
 from jgait.duty_cycle.power import Schedule
 from jgait.duty_cycle.recording import fill_recording, gyroscope_masks
 from jgait.estimators import duty_cycled_gyro, leg_ekf

@@ -7,7 +7,7 @@ import pytest
 from made.observability import observability_matrix, observability_rank
 
 from jgait.estimators.duty_cycled_gyro import model as duty_model
-from jgait.estimators.duty_cycled_gyro.model_params import (
+from jgait.estimators.duty_cycled_gyro.params import (
     DutyControl,
     LinkParams,
     ShinObservation,

@@ -1,7 +1,7 @@
-r"""Gaps of a gyroscope filled with rates measured after similar accelerometer histories: weighted neighbours.
+r"""Fillers of a gyroscope's gaps: hold the last value, repeat the last cycle, or average alike moments.
 
-Two samples are similar if their recent histories are. With scales s, the sample j before the present sample t and a
-memory ρ = exp(−1/(τ f_s)) of the history,
+`neighbours`, the default: rates measured after similar accelerometer histories. Two samples are similar if their recent
+histories are. With scales s, the sample j before the present sample t and a memory ρ = exp(−1/(τ f_s)) of the history,
 
     c_{t,j} = ‖a_t − a_{t−j}‖² / s_a²  (+ the same of the thigh's signals)
     d_{t,j} = c_{t,j} + ρ d_{t−1,j},   n_{t,j} = 1 + ρ n_{t−1,j}                  (0 before the first sample)
@@ -12,6 +12,13 @@ memory ρ = exp(−1/(τ f_s)) of the history,
 The lag j stays the same while both histories advance, so each sample costs one pass over the memory. Only earlier rates
 are used. The accelerometer's axes share one scale: an axis with little movement carries little information, and a
 separate scale for each axis, which enlarges the noise of that axis, makes the error a quarter larger.
+
+Source: P. S. Udaya Shankar, N. Raveendranathan, N. R. Gans, R. Jafari, "Towards power optimized Kalman filter for gait
+assessment using wearable sensors", Wireless Health 2010, section 5: `replicate`.
+
+Deviations from the paper:
+    1. The paper replicates "from the previous cycle" of its schedule, 1.4 s ago. Where 1.4 s is no stride period, the
+       error is larger than that of a rate that is left at zero; so the stride period is estimated.
 """
 
 from functools import partial
@@ -19,12 +26,14 @@ from typing import Annotated, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, PyTree, Shaped
 
-from jgait.duty_cycle.fillers.base import (
+from jgait.duty_cycle.filling import (
     FILLED,
     HELD,
+    PERIODS,
     Filled,
     Filler,
     Force,
@@ -32,16 +41,17 @@ from jgait.duty_cycle.fillers.base import (
     Rate,
     Signals,
     Thigh,
+    filled_once_enough,
+    finished,
+    measured_enough,
+    pace,
     past,
+    pushed,
     reversed_behind,
     started,
 )
-from jgait.duty_cycle.fillers.pace import filled_once_enough
-from jgait.params import Param, Parameter, documented, fixed, positive, ranges
+from jgait.params import Param, Parameter, documented, fixed, interval, positive, ranges
 from jgait.types import Scalar
-
-WITH_THIGH = 3
-"""Compared signals with a thigh's sensor: the shank's accelerometer, the thigh's gyroscope and accelerometer."""
 
 FURTHEST = 1.0
 """[1] Greatest distance of the nearest history, over the number of compared signals; a sample without a nearer one is
@@ -51,6 +61,69 @@ large as the rate itself."""
 
 MEMORY_S = 90.0
 """[s] Longest time before a sample in which the filler searches neighbours."""
+
+
+class Hold(NamedTuple):
+    """Parameters of `hold`: none."""
+
+
+HOLD = Hold()
+
+
+def hold(
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float, params: Hold = HOLD, *,
+    thigh: Thigh | None = None,
+) -> Filled:  # fmt: skip
+    """The last measured value; a baseline for the other fillers.
+
+    Every filled sample is flagged `HELD`. Arguments and errors: see `filling`.
+    """
+    s, _ = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    return finished(s, s.rate, jnp.zeros_like(s.usable))
+
+
+@documented
+class Replicate(NamedTuple):
+    """Parameters of `replicate`."""
+
+    stretch: Annotated[Param, Parameter(
+        interval(0.8, 1.25), "1", "lag of the replica over the estimated stride period",
+    )] = 1.0  # fmt: skip
+    least_strides: Annotated[Param, Parameter(
+        fixed, "strides", "strides that must be measured before samples are filled rather than held",
+    )] = 2.0  # fmt: skip
+
+
+REPLICATE = Replicate()
+
+
+def replicate(
+    rate: Rate, usable: On, acc: Force | None, sampling_rate_hz: float,
+    params: Replicate = REPLICATE, *, thigh: Thigh | None = None,
+) -> Filled:  # fmt: skip
+    """The last cycle repeated: ω̂_t = ω̂_{t − P}, P the stride period estimated from the samples up to t.
+
+    With an accelerometer the stride period is also estimated during the gap. Arguments and errors: see `filling`.
+    """
+    s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh)
+    stride = pace(s, sampling_rate_hz)
+    enough = measured_enough(stride, p.least_strides)
+    length = int(np.ceil(1.25 * PERIODS[1] * sampling_rate_hz)) + 2
+
+    def step(
+        carry: tuple[Array, Array], sample: tuple[Array, Array, Array, Array]
+    ) -> tuple[tuple[Array, Array], Array]:
+        register, last = carry
+        value, on, period, trusted = sample
+        back = jnp.clip(p.stretch * period * sampling_rate_hz - 1.0, 0.0, length - 2.0)
+        low = jnp.floor(lax.stop_gradient(back)).astype(jnp.int32)
+        share = back - low.astype(back.dtype)
+        again = (1.0 - share) * register[low] + share * register[low + 1]
+        value = jnp.where(on, value, jnp.where(trusted, again, last))
+        return (pushed(register, value), jnp.where(on, value, last)), value
+
+    start = (jnp.zeros(length, s.rate.dtype), jnp.zeros_like(s.rate[0]))
+    return finished(s, lax.scan(step, start, (s.rate, s.usable, stride.period, enough))[1], enough)
 
 
 @documented
@@ -72,7 +145,6 @@ class Neighbours(NamedTuple):
 
 
 NEIGHBOURS = Neighbours()
-TRANSFORMS = ranges(NEIGHBOURS)
 
 
 def nearest(alike: Float[Array, "memory"], usable: Bool[Array, "memory"]) -> Float[Array, ""]:
@@ -105,7 +177,7 @@ def neighbours(
 ) -> Filled:  # fmt: skip
     """Earlier measured rates, weighted by the similarity of the accelerometer's histories; causal.
 
-    Arguments and errors: see `base`; an accelerometer is needed.
+    Arguments and errors: see `filling`; an accelerometer is needed.
     """
     s, p = started(rate, usable, acc, sampling_rate_hz, params, thigh, needs_acc=True)
     return _filled(s, p, sampling_rate_hz)
@@ -114,7 +186,7 @@ def neighbours(
 @partial(jax.jit, static_argnames="sampling_rate_hz")
 def _filled(s: Signals, p: Neighbours, sampling_rate_hz: float) -> Filled:
     rate, distance = _predicted(s, p, sampling_rate_hz)
-    unlike = distance / (1 if s.thigh is None else WITH_THIGH)
+    unlike = distance / (1 if s.thigh is None else 3)  # with the thigh's gyroscope and accelerometer
     filled = filled_once_enough(s, rate, sampling_rate_hz, p.least_strides)._replace(unlike=unlike)
     nothing_alike = (filled.how == FILLED) & (unlike > FURTHEST)
     return filled._replace(how=jnp.where(nothing_alike, HELD, filled.how))
@@ -160,4 +232,9 @@ def _predicted(s: Signals, p: Neighbours, sampling_rate_hz: float) -> tuple[Floa
     return lax.scan(fill_sample, jnp.zeros(size, s.rate.dtype), samples)[1]
 
 
-FILLERS = {"neighbours": Filler(neighbours, NEIGHBOURS, TRANSFORMS, needs_acc=True)}
+FILLERS = {
+    "hold": Filler(hold, HOLD, HOLD),
+    "replicate": Filler(replicate, REPLICATE, ranges(REPLICATE)),
+    "neighbours": Filler(neighbours, NEIGHBOURS, ranges(NEIGHBOURS), needs_acc=True),
+}
+"""Name → filler of gyroscope gaps."""

@@ -1,1 +1,0 @@
-"""Methods that fill the gaps of a duty-cycled gyroscope."""
