@@ -23,7 +23,7 @@ from jgait.params import check_params, freed, names
 from jgait.report.cohort import of_notes
 from jgait.tune import CrossValidation, Fit, Identifiability, Lessons, Objective, Progress
 from jgait.tune.checkpoint import OtherFitError
-from jgait.tune.coordinates import coordinates
+from jgait.tune.problem import coordinates
 from jgait.types import Estimate, Recording, RecordingError, Walk
 
 if TYPE_CHECKING:

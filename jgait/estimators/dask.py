@@ -11,12 +11,6 @@ from jaxtyping import PyTree
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-QUEUED = 3
-"""Tasks in flight for each thread that the cluster has at the moment; the other items are not read yet."""
-
-POLL = 0.05
-"""[s] Time between two looks for workers that joined, while no task is finished."""
-
 DIED = "its worker process died, time and again"
 """Why an item has no result."""
 
@@ -26,10 +20,11 @@ def on_dask[Item, T](
 ) -> Generator[tuple[tuple[Item, ...], T | None]]:
     """Apply a function to groups of items; yields each group with its result when it is finished.
 
-    The number of tasks in flight follows the number of workers, which may join and leave at any time; items are taken
-    as there is room. The function, sent once by cloudpickle, runs in the precision of the caller. If a worker dies,
-    Dask runs its tasks on another worker. If the workers of a task die repeatedly, its items are run one by one at the
-    end, with no other task on the cluster, so that only the item that kills its worker has no result, but None.
+    Three tasks are in flight for each thread that the cluster has at the moment, whose workers may join and leave at
+    any time; items are taken as there is room. The function, sent once by cloudpickle, runs in the precision of the
+    caller. If a worker dies, Dask runs its tasks on another worker. If the workers of a task die repeatedly, its items
+    are run one by one at the end, with no other task on the cluster, so that only the item that kills its worker has no
+    result, but None.
     """
     from distributed import as_completed
 
@@ -41,7 +36,7 @@ def on_dask[Item, T](
     alone: list[Item] = []
     finished = as_completed()
     while True:
-        room = QUEUED * max(1, sum(client.nthreads().values())) - len(sent)
+        room = 3 * max(1, sum(client.nthreads().values())) - len(sent)
         for group in islice(groups, max(0, room)):
             future = client.submit(_applied, shared, group, wide, pure=False)
             sent[future] = group
@@ -49,7 +44,7 @@ def on_dask[Item, T](
         if not sent:
             break
         if not finished.has_ready():
-            time.sleep(POLL)
+            time.sleep(0.05)  # then workers may have joined
             continue
         future = next(finished)
         group, result = sent.pop(future), _result(future)

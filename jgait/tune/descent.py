@@ -25,23 +25,6 @@ from jgait.tune import checkpoint
 from jgait.tune.problem import Context, Items, Problem, item_losses, kept, total, value, value_of
 from jgait.types import AnyArray, Integer, Values
 
-NOTHING = 1e-12
-"""Largest gradient, relative to the loss, of a parameter that is not learned [share of the loss for each unit of the
-free coordinate]. Rounding gives 2e-16 and less, the parameters on which losses of recorded walks depend least 4e-9."""
-
-FLAT = 0.005
-"""Largest gradient of a finished fit, of each free number [standard errors of the gradient over the items]: the optimum
-is closer than a tenth of the parameters' standard errors, also where parameters are correlated."""
-
-DECREASE = 1e-4
-"""Least decrease of the loss of a step that is kept, as a share of what the slope predicts (Armijo's rule) [1]."""
-
-SHORTENED = (0.02, 0.5)
-"""Least and largest factor by which a step that is undone becomes shorter [1]."""
-
-FEW = 4
-"""Number of steps in a chunk of a fit that stops where the loss is flat, which is checked between chunks."""
-
 AT_ONCE, MEMORY = 128, 2**25
 """Largest number of items times fits that run together in one program: with more, the numbers do not fit the
 processor's cache. [bytes] Largest size of these items: a gradient through a filter needs some fifty times as much."""
@@ -109,8 +92,10 @@ def lane(tree: PyTree, number: int | slice | np.ndarray) -> PyTree:
 
 
 def flat(reach: PyTree) -> PyTree:
-    """For each leaf of `Carry.reach`, whether no number of it is learned."""
-    return jax.tree.map(lambda leaf: jnp.all(leaf <= jnp.maximum(NOTHING, 10.0 * jnp.finfo(leaf.dtype).eps)), reach)
+    """For each leaf of `Carry.reach`, whether no number of it is learned: all are rounding, 2e-16 and less, whereas the
+    parameters on which losses of recorded walks depend least have 4e-9.
+    """
+    return jax.tree.map(lambda leaf: jnp.all(leaf <= jnp.maximum(1e-12, 10.0 * jnp.finfo(leaf.dtype).eps)), reach)
 
 
 def _all(tree: PyTree, *also: Bool[Array, ""]) -> Bool[Array, ""]:
@@ -163,13 +148,19 @@ def _runner(
             return total(problem, free, context.params, items, batch_weights, jnp.sum(weights), forgiving)
 
         def updates(c: Carry, step: Int[Array, ""]) -> tuple[PyTree, PyTree]:
+            @jax.custom_jvp
+            def loss_at(free: PyTree) -> Float[Array, ""]:
+                items, weights = _batch(settings, context, c.weights, jnp.maximum(step, 0))
+                return value(problem, free, context.params, items, weights, jnp.sum(c.weights))
+
+            @loss_at.defjvp
+            def _(at: PyTree, moved: PyTree) -> tuple[Array, Array]:  # items without weight may have no gradient
+                loss, gradient, *_ = evaluate(at[0], c.weights, jnp.maximum(step, 0), jnp.zeros((), bool))
+                return loss, optax.tree.vdot(gradient, moved[0]).astype(loss.dtype)
+
             # line searches of optax refuse arguments that the value's function does not take
             def here(free: PyTree, obj_fn: PyTree = None, grad_fn: PyTree = None) -> Float[Array, ""]:
-                at = jax.lax.stop_gradient(free)
-                loss, gradient, *_ = evaluate(at, c.weights, jnp.maximum(step, 0), jnp.zeros((), bool))
-                # 0, whose derivative is the gradient: items without weight may have none
-                nothing = optax.tree.vdot(gradient, jax.tree.map(jnp.subtract, free, at))
-                return loss + nothing.astype(loss.dtype)
+                return loss_at(free)
 
             # optax counts steps in integers; JAX's strict dtype promotion raises an error for these
             with jax.numpy_dtype_promotion("standard"):
@@ -180,7 +171,7 @@ def _runner(
 
         def score(c: Carry) -> Float[Array, ""]:
             if context.checked is None:
-                return value(problem, c.free, context.params, context.items, c.weights)
+                return value(problem, c.free, context.params, context.items, c.weights, jnp.sum(c.weights))
             losses = item_losses(problem, c.free, context.params, context.checked)
             return value_of(losses, jnp.ones_like(losses))
 
@@ -200,10 +191,11 @@ def _runner(
             if downhill:
                 predicted = (c.scale * optax.tree.vdot(c.gradient, update)).astype(c.loss.dtype)
                 missing = loss - c.loss - predicted
-                shorter = jnp.where(good, jnp.clip(-0.5 * predicted / missing, *SHORTENED), 0.5).astype(c.scale.dtype)
-                good = good & (starting | (missing <= (DECREASE - 1.0) * predicted))
+                shorter = jnp.where(good, jnp.clip(-0.5 * predicted / missing, 0.02, 0.5), 0.5).astype(c.scale.dtype)
+                good = good & (starting | (missing <= (1e-4 - 1.0) * predicted))  # Armijo's rule
                 rounding = max(1e-10, 10.0 * float(jnp.finfo(c.loss.dtype).eps))
-                level = jax.tree.map(lambda g, v: jnp.all((v > 0.0) & (g * g <= FLAT**2 * v)), gradient, variance)
+                # of its standard error: the optimum is closer than a tenth of those of the parameters
+                level = jax.tree.map(lambda g, v: jnp.all((v > 0.0) & (g * g <= 0.005**2 * v)), gradient, variance)
                 done = (-0.5 * predicted <= rounding * jnp.abs(c.loss)) | (good & _all(level))
                 done = done & ~starting
             whole = jnp.maximum(jnp.abs(loss), jnp.finfo(loss.dtype).tiny)
@@ -259,7 +251,7 @@ def descend(
     """
     total = settings.steps + 1  # the same program evaluates the start, as step −1
     if chunk is None and (settings.downhill or report or file):
-        chunk = FEW if settings.downhill else max(2, settings.steps // 20)
+        chunk = 4 if settings.downhill else max(2, settings.steps // 20)  # a flat loss ends a fit between chunks
     # XLA unrolls a scan of one step, which then rounds differently; so a chunk has at least two steps.
     size = total if chunk is None else min(total, max(2, chunk))
     size_of = sum(leaf.nbytes for leaf in jax.tree.leaves(context.items))

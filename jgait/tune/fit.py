@@ -264,10 +264,6 @@ def best_starts(carry: Carry, starts: int) -> np.ndarray:
     return np.where(eligible.any(axis=1), number, -1)
 
 
-EDGE = 9.2
-"""Least |logit| at an end of an interval: within a ten-thousandth of its width, where the gradient vanishes; chosen."""
-
-
 def _not_learned(transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree) -> dict[str, list[str]]:
     """Reason → names of the free parameters that are not learned, from free coordinates at begin and end."""
     nothing = (
@@ -282,7 +278,8 @@ def _not_learned(transforms: PyTree, begin: PyTree, end: PyTree, reach: PyTree) 
     for (path, first), last, inside, none in zip(
         jax.tree_util.tree_leaves_with_path(begin), *map(jax.tree.leaves, (end, bounded, flat(reach))), strict=True
     ):
-        at_end = inside and min(np.min(np.abs(first)), np.min(np.abs(last))) > EDGE
+        # a logit of 9.2 is within a ten-thousandth of the interval's width from its end, where the gradient vanishes
+        at_end = inside and min(np.min(np.abs(first)), np.min(np.abs(last))) > 9.2
         if at_end or none:
             names[stuck if at_end else nothing].append(jax.tree_util.keystr(path).lstrip("."))
     return names

@@ -19,15 +19,11 @@ from jaxtyping import Array, Float, PyTree
 from jgait.notes import record, resolved
 from jgait.params import Transform, constrain, positive
 from jgait.tune.checks import check_data, check_priors, is_transform, numbered
-from jgait.tune.coordinates import Coordinates, coordinates, natural_numbers
-from jgait.tune.problem import Items, Problem, penalty
+from jgait.tune.problem import Coordinates, Items, Problem, coordinates, natural_numbers, penalty
 from jgait.tune.remainder import reduced
 
 TOGETHER = 0.95
 """Least absolute correlation at which two parameters are reported as correlated."""
-
-ROUNDINGS = 1000.0
-"""Assumed largest rounding error of second derivatives [epsilons of the dtype for each free number]."""
 
 LARGE = 0.3
 """Least absolute component of a unit vector at which a direction's name includes the parameter [1]."""
@@ -204,7 +200,8 @@ def identifiability(
             f"{len(scores)} for {slope.size} numbers"
         )
     noise = whole if information == "hessian" else scores.T @ scores
-    rounding = ROUNDINGS * len(slope) * float(np.finfo(at.vector.dtype).eps)
+    # assumed largest rounding error of second derivatives
+    rounding = 1000.0 * len(slope) * float(np.finfo(at.vector.dtype).eps)
     return _statement(at, float(total), slope, whole, noise, rounding, level, limit)
 
 

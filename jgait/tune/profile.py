@@ -15,10 +15,9 @@ from jaxtyping import Array, Float, PyTree
 from jgait.notes import record
 from jgait.params import Transform, real
 from jgait.tune.checks import check_data
-from jgait.tune.coordinates import coordinates, natural
 from jgait.tune.descent import Settings, descend, lane, norm
 from jgait.tune.optimizers import supported
-from jgait.tune.problem import Context, Items, Problem, place
+from jgait.tune.problem import Context, Items, Problem, coordinates, natural, place
 from jgait.tune.remainder import loss_type, reduced
 
 

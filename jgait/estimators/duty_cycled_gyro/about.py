@@ -141,3 +141,4 @@ ABOUT = About(
     numbers=numbers,
     losses=("trajectory", "joint_angles", "foot_path", "likelihood", "calibration"),
 )  # fmt: skip
+"""Measures, options, tables and figures, for commands and reports."""

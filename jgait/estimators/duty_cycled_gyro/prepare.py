@@ -29,14 +29,8 @@ NEEDS_STANDING = (
     "gyroscope bias and the upright pose"
 )
 
-SEATED = 2.0
-"""[rad²] Variance of the pose of a person who sits at the start."""
-
 LOST = 0.1
 """[s] Shorter gaps of a gyroscope do not interrupt standing, and do not make the estimate invalid."""
-
-MOVES = 10.0
-"""[rad/s] Replaces a missing rate in the detection of standing, so that the gap counts as movement."""
 
 
 WORN_ALONE = Kind(
@@ -98,7 +92,8 @@ def find_rests(
 
     strict, loose = (
         legs_at_rest([instead(name, unknown) for name in sensors], rate_hz)
-        for unknown in (np.full(time.size, MOVES), np.where(some, 0.0, MOVES))
+        # a missing rate of 10 rad/s counts as movement
+        for unknown in (np.full(time.size, 10.0), np.where(some, 0.0, 10.0))
     )
     if not any(stop - start >= LEGS_SHORTEST_S * rate_hz for start, stop in true_runs(strict)):
         together = np.all([m.usable for m in used.values()], axis=0)
@@ -181,7 +176,7 @@ def prepare(
     dt = np.concatenate([[0.0], np.diff(time)])
     inputs = DutyCycledInputs(
         legs.get("right"), legs.get("left"), time, dt, still, np.ones(time.size, bool),
-        np.asarray(1e-4 if worn.upright[0] else SEATED if still[0] else 0.1),
+        np.asarray(1e-4 if worn.upright[0] else 2.0 if still[0] else 0.1),  # [rad²] who is still and not upright sits
     )  # fmt: skip
     # Options that only masks and energies depend on are left out, so that they do not cause a new compilation.
     resolved = DutyCycledOptions(

@@ -46,7 +46,7 @@ class ImuErrors(NamedTuple):
     sway: Values = 0.0
     sway_arm: Values = 0.0  #: height of the sensor above the point about which it sways [m].
     #: vibration of the sensor in jolts, as when a heel lands: standard deviation of its acceleration over the change of
-    #: the specific force within `JOLT_S` [1]; readings at 200 Hz show two thirds of it, slower ones less.
+    #: the specific force within 5 ms [1]; readings at 200 Hz show two thirds of it, slower ones less.
     acc_jolt: Values = 0.0
 
 
@@ -88,21 +88,8 @@ def _turned_back(values: Float[AnyArray, "time 3"], matrix: Float[Array, "*time 
     return jnp.sum(values[:, :, None] * matrix, axis=1)
 
 
-JOLT_S, JOLT_HZ = 0.005, 8.0
-"""[s] Time within which a change of the specific force counts as a jolt. [Hz] How fast the vibrations of a jolt fade:
-the frequency of a low-pass of its square."""
-
 SHAKES_HZ = 30.0
-"""[Hz] The frequency about which a jolt makes the sensor vibrate."""
-
-MOVES_HZ = 1.0
-"""[Hz] The frequency of the low-pass of the squared rate, by which a sensor that moves is told from one that rests."""
-
-SWAY_HZ, SWAY_DRIVEN_HZ, SWAY_DAMPING = 2.0, 4.0, 0.7
-"""[Hz] Natural frequency of a sensor's sway, and of the low-pass of the noise that drives it. [1] Its damping ratio."""
-
-SWAY_DRIVE = 8.1
-"""[rad/s/√s] Density of the driving noise, before its low-pass, for a rate of 1 rad/s."""
+"""[Hz] The frequency about which a jolt makes the sensor vibrate; chosen by hand."""
 
 
 def _disturbed(
@@ -113,19 +100,21 @@ def _disturbed(
 
     From `white` noise of variance 1, whose first three columns drive the sway, and the exact motion.
     """
-    change = jnp.diff(acc, axis=0, prepend=acc[:1]) * (JOLT_S / dt)
+    change = jnp.diff(acc, axis=0, prepend=acc[:1]) * (0.005 / dt)  # within 5 ms
     squares = jnp.stack([jnp.sum(part * part, axis=1) for part in (gyr - gyr[:1], change)], axis=1)
-    # before the recording the sensor rests: the low-pass takes the first sample for all that was before
+    # before the recording the sensor rests: the low-pass takes the first sample for all that was before. Moving and
+    # resting are told apart within a second; vibrations fade at 8 Hz, and noise up to 4 Hz drives the sway.
     smooth = low_pass(
         jnp.concatenate([squares, white], axis=1),
-        jnp.asarray([MOVES_HZ, JOLT_HZ, *[SWAY_DRIVEN_HZ] * 3, *[SHAKES_HZ] * 3], acc.dtype), dt,
+        jnp.asarray([1.0, 8.0, *[4.0] * 3, *[SHAKES_HZ] * 3], acc.dtype), dt,
     )  # fmt: skip
     moves, jolts = (jnp.sqrt(jnp.maximum(smooth[:, i], 1e-12))[:, None] for i in range(2))
     # A vibration goes back and forth: its velocity does not grow with time. The derivative of white noise after a
     # low-pass at ω has the variance S ω³ / √8 for the density S.
     size = (8.0**0.25 / (2.0 * math.pi * SHAKES_HZ) ** 1.5) / jnp.sqrt(dt)
     velocity = size * errors.acc_jolt * jolts * smooth[:, 5:]
-    drive = SWAY_DRIVE / jnp.sqrt(dt) * errors.sway * moves * smooth[:, 2:5]
+    # 8.1 rad/s/√s: density of the driving noise, before its low-pass, for a rate of 1 rad/s
+    drive = 8.1 / jnp.sqrt(dt) * errors.sway * moves * smooth[:, 2:5]
     return drive, jnp.diff(velocity, axis=0, prepend=velocity[:1]) / dt
 
 
@@ -135,10 +124,10 @@ def _swaying(
 ) -> tuple[Float[Array, "time 3"], Float[Array, "time 3"]]:  # fmt: skip
     """The readings of a sensor that sways about a point under it, driven by noise.
 
-    The turn d of the sensor, from rest, d̈ + 2 ζ ω ḋ + ω² d = f₀ − f, is exact for a drive f that is linear between
-    samples.
+    The turn d of the sensor, from rest, d̈ + 2 ζ ω ḋ + ω² d = f₀ − f with ω of 2 Hz and ζ = 0.7, is exact for a drive f
+    that is linear between samples.
     """
-    push, omega, damping = drive[:1] - drive, 2.0 * math.pi * SWAY_HZ, SWAY_DAMPING
+    push, omega, damping = drive[:1] - drive, 2.0 * math.pi * 2.0, 0.7
     swings = omega * math.sqrt(1.0 - damping**2)
     fade = jnp.exp(-damping * omega * dt)
     keep, lift = fade * jnp.cos(swings * dt), fade * jnp.sin(swings * dt) / swings
