@@ -13,7 +13,6 @@ from jgait.simulate.shapes import STYLES
 from jgait.simulate.walker import Slack
 from jgait.types import check_kind, check_number
 
-_HALF = (-0.5, 0.5)
 _RANGES: dict[str, tuple[float, float]] = {
     **dict.fromkeys(("thigh_length", "shank_length"), (0.1, 0.8)),
     "hip_width": (0.02, 0.6), "ankle_height": (0.01, 0.2), "ball_length": (0.02, 0.4), "heel_length": (0.0, 0.2),
@@ -23,9 +22,10 @@ _RANGES: dict[str, tuple[float, float]] = {
     "landing_speed": (0.0, 1.0), "knee_stance": (1.0 * DEGREE, 60.0 * DEGREE),
     "pelvis_rise": (-0.15, 0.15), "pelvis_lag": (-0.5, 0.5),
     "standing_hip": (-30.0 * DEGREE, 30.0 * DEGREE), "standing_knee": (0.5 * DEGREE, 60.0 * DEGREE),
-    "hip_ahead": (-0.3, 0.3), "length_asymmetry": _HALF, "time_asymmetry": _HALF, "stiff": (-1.0, 1.0),
+    "hip_ahead": (-0.3, 0.3), "stiff": (-1.0, 1.0),
     "steps": (1.0, 2000.0),
     **dict.fromkeys(STYLES, (-4.0, 4.0)), "recorded": (0.0, 1.0),
+    **dict.fromkeys(("length_asymmetry", "time_asymmetry"), (-0.5, 0.5)),
     **dict.fromkeys(("length_variability", "time_variability", "pitch_variability"), (0.0, 0.15)),
     "persistence": (0.0, 0.95), "right_first": (0.0, 1.0),
 }  # fmt: skip
@@ -86,11 +86,11 @@ def check_slack(person: Person, left: Slack, where: str) -> None:
     """Raise ValueError if an ankle comes too far from below the hip, or a leg is overstretched, on the route of which
     `where` is the description.
     """
-    gait, leg = person.gait, person.body.thigh_length + person.body.shank_length
-    if not float(left.aside) < LARGEST_ANKLE_OFFSET:
+    gait, leg, most = person.gait, person.body.thigh_length + person.body.shank_length, 0.75
+    if not float(left.aside) < most:
         raise ValueError(
             f"legs of {leg:.3f} m are too short for strides of {gait.stride_length:.3f} m {where}: an ankle would be "
-            f"{float(left.aside):.2f} of the leg's length from below the hip (at most {LARGEST_ANKLE_OFFSET}); "
+            f"{float(left.aside):.2f} of the leg's length from below the hip (at most {most}); "
             "shorten stride_length or lengthen thigh_length and shank_length"
         )
     if not float(left.stretched) > 0.0:
@@ -98,7 +98,3 @@ def check_slack(person: Person, left: Slack, where: str) -> None:
             f"a leg of {leg:.3f} m would be overstretched by {-1e3 * float(left.stretched) * leg:.1f} mm {where}; "
             "raise knee_stance, shorten stride_length or lower the stairs"
         )
-
-
-LARGEST_ANKLE_OFFSET = 0.75
-"""[1] Largest horizontal distance between ankle and hip, over the length of the leg."""

@@ -41,10 +41,6 @@ class FootPair(NamedTuple):
 LINGER = 0.1
 """[steps] Time in which the tip of the toes leaves the ground: in this time it moves by a few millimetres."""
 
-STOPS = 0.05
-"""[steps] How long before a landing on a flat foot its way ends. The heel comes down until the landing, as in closing
-steps of recorded people (`experiments.people.shoes`)."""
-
 
 class Phases(NamedTuple):
     """Shares [1] of the motions of a foot, (2, T)."""
@@ -69,7 +65,9 @@ def phases(gait: Gait, shape: Movement, off: Values, leave: Values, early: Value
     # Heel up, toes up, both back; toes up before landing, down after it; on the way, stopped by the ground or the leg;
     # and the times in which recorded feet move besides.
     when, flat = shape.when, 2.0 * gait.foot_flat
-    down, stops = early * when.heel_down, 2.0 - leave - (1.0 - early) * STOPS
+    # The way to a landing on a flat foot ends 0.05 steps before it, and the heel comes down until the landing, as in
+    # closing steps of recorded people (`experiments.people.shoes`).
+    down, stops = early * when.heel_down, 2.0 - leave - (1.0 - early) * 0.05
     rises = jnp.maximum(leave - when.heel_rises, off)
     begins = (
         rises, leave - when.toes_rise, leave, lands - when.toes_up, lands - when.toes_turn, leave,

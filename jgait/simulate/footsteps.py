@@ -24,15 +24,6 @@ from jgait.types import Flags, Values
 FIRST = 1
 """Foothold k is entry k + FIRST of every array."""
 
-OUTWARDS = 0.07
-"""[m] How far a leg that does not bend swings outwards, about."""
-
-STEPPED = 0.02
-"""[m] How much more a foot is lifted where a person turns on the spot."""
-
-START, CLOSE = 1.5, 1.2
-"""[1] Duration of the first and of the last step, over that of the other steps."""
-
 
 @record
 class Plan(NamedTuple):
@@ -92,7 +83,8 @@ def _lengths(
     _, (distance, speed, late) = lax.scan(onward, start, (draws[:, :2], side, walks))
     times = 0.5 * gait.stride_time * (1.0 - gait.time_asymmetry * side + gait.time_variability * late)
     times = times / jnp.sqrt(speed)
-    times = jnp.where(jnp.abs(k - 1.0) < 0.5, START * times, jnp.where(k > gait.steps + 0.5, CLOSE * times, times))
+    # the first and the last step last longer
+    times = jnp.where(jnp.abs(k - 1.0) < 0.5, 1.5 * times, jnp.where(k > gait.steps + 0.5, 1.2 * times, times))
     return distance, times, jnp.where(walks, gait.width_variability * draws[:, 2], 0.0), speed
 
 
@@ -127,7 +119,8 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
     stiff = jnp.maximum(-side * gait.stiff, 0.0)
     lasting = k < n - 0.5  # footholds from which the foot swings on
     flatter = jnp.where(starts, 0.6, 1.0) * (0.5 + 0.5 * whole_foot) * (1.0 - 0.6 * stiff)
-    lift = gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0) + STEPPED * (1.0 - ahead)
+    # who turns on the spot lifts the feet by 2 cm more
+    lift = gait.swing_lift * (1.0 - 0.5 * stiff) + jnp.maximum(riser, 0.0) + 0.02 * (1.0 - ahead)
     return Plan(
         x=x,
         y=y,
@@ -141,7 +134,7 @@ def footholds(key: PRNGKeyArray, person: Person, along: Route, capacity: int) ->
         off=jnp.where(starts, 1.0, 2.0 * gait.heel_off),
         leave=jnp.where(starts | (k > n + 0.5), 1.0 + Instants().heel_rises, 2.0 * gait.stance_fraction - LINGER),
         lift=jnp.where(lasting, lift, 0.0),
-        out=jnp.where(lasting, side * OUTWARDS * stiff, 0.0),
+        out=jnp.where(lasting, side * 0.07 * stiff, 0.0),
         stood=(k < 0.5).astype(k.dtype),
         contact=contact,
         time_curve=time_curve,

@@ -8,6 +8,7 @@ from jgait.notes import record
 from jgait.types import Values
 
 DEGREE = 0.017453292519943295
+"""One degree [rad]."""
 
 TABLES: dict[str, Any] = json.loads(Path(__file__).with_name("movement.json").read_text(encoding="utf-8"))
 """Numbers of the movement of recorded people, whose file names its source: tables of `shapes`, gait of `RECORDED`,
@@ -88,7 +89,7 @@ class Gait(NamedTuple):
     length_asymmetry: Values = 0.0  #: (right − left) / (right + left) of the step lengths [1].
     time_asymmetry: Values = 0.0  #: (right − left) / (right + left) of the step times [1].
     #: share by which the right leg bends less in swing; negative: the left leg. Its heel rises less, its toes are less
-    #: up at landing, and it swings outwards by up to `footsteps.OUTWARDS` [1].
+    #: up at landing, and it swings outwards by up to 7 cm [1].
     stiff: Values = 0.0
     length_variability: Values = 0.0  #: standard deviation of the step length over its mean [1].
     time_variability: Values = 0.0  #: standard deviation of the step time over its mean [1].

@@ -276,16 +276,12 @@ def able(key: PRNGKeyArray, person: Person, along: Route) -> Person:
         *_, left = limits(key, able, along)
         if left.stretched > 0.0:
             return able
-        # A leg whose knee bends by a small angle k is shorter than a straight one by about k² / 8.
-        bent = math.sqrt(able.gait.knee_stance**2 + 8.0 * (SPARE - left.stretched))
+        # A leg whose knee bends by a small angle k is shorter than a straight one by about k² / 8; 1e-4 are kept.
+        bent = math.sqrt(able.gait.knee_stance**2 + 8.0 * (1e-4 - left.stretched))
         able = Person(person.body, person.gait._replace(knee_stance=bent))
-        if bent > person.gait.knee_stance + YIELDS:
+        if bent > person.gait.knee_stance + 4.0 * DEGREE:
             break
     return person
-
-
-SPARE, YIELDS = 1e-4, 4.0 * DEGREE
-"""[1] Relative reserve of leg length that is kept; [rad] largest increase of the knee flexion."""
 
 
 def _stretched(key: PRNGKeyArray, person: Person, along: Route, *, capacity: int) -> Person:

@@ -35,8 +35,8 @@ SIZES = ("pelvis_surge", "pelvis_rise", "pelvis_nod", "pelvis_sway", "pelvis_rot
 USUAL_STRIDE = RECORDED.stride_length / (Body().thigh_length + Body().shank_length)
 """[1] Usual length of the stride over that of the leg."""
 
-UNIT, MOST = 0.12, 3.0
-"""[1] Relative change of a stride's length or rate that counts as one in the tables, and largest count."""
+UNIT = 0.12
+"""[1] Relative change of a stride's length or rate that counts as one in the tables."""
 
 WORN = ("pitch", "ahead", "along", "roll", "yaw", "aside")
 """Motions of what sensors are worn on: pitch, its forward end down [rad], forward and up along the segment [m]; and
@@ -76,11 +76,11 @@ class Movement(NamedTuple):
 
 
 def pace(person: Person) -> tuple[Values, Values]:
-    """Length and rate of a person's stride beside the usual ones, in `UNIT`."""
+    """Length and rate of a person's stride beside the usual ones, in `UNIT`, at most three of them."""
     body, gait = person
     long = gait.stride_length / (body.thigh_length + body.shank_length) / USUAL_STRIDE
     quick = RECORDED.stride_time / gait.stride_time
-    long, quick = (jnp.clip((jnp.asarray(share) - 1.0) / UNIT, -MOST, MOST) for share in (long, quick))
+    long, quick = (jnp.clip((jnp.asarray(share) - 1.0) / UNIT, -3.0, 3.0) for share in (long, quick))
     return long, quick
 
 

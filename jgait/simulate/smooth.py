@@ -19,7 +19,10 @@ ORDER = 6
 """A step's derivatives up to this order vanish at both ends."""
 
 _SLOPE = 1.0 / sum(math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) for k in range(ORDER + 1))
+"""Slope of a step in its middle, over 2: one over the integral of (1 − x²)⁶ from 0 to 1."""
+
 _INTEGRAL = tuple(_SLOPE * math.comb(ORDER, k) * (-1) ** k / (2 * k + 1) / 2.0 for k in range(ORDER + 1))
+"""Coefficients of x, x³ … of a step less one half."""
 
 
 def step(u: Values) -> Values:

@@ -116,7 +116,7 @@ def carried(person: Person, plan: Plan, entry: Int[Array, "..."], r: Jet) -> Car
     swing = swings(plan.shape, waves(r))
     curves = jnp.stack([plan.x_curve, plan.y_curve, plan.z_curve, plan.heading_curve, plan.walking_curve])
     x, y, z, heading, walking = parts(smooth_curve(curves, entry, r))
-    shock = smooth_bump(r / SHAKEN) * gait.pelvis_shock
+    shock = smooth_bump(r / 0.24) * gait.pelvis_shock  # for a quarter of a step after a contact
     ahead, aside, up, yaw, pitch, roll = parts(kept(part(walking, None) * oscillation(swing, side, shock)))
     soft = kept(part(walking, None, None) * softness(swing, moves, both.free))
     s, c = sin_cos(heading)
@@ -155,7 +155,7 @@ def planned(
     laid = footholds(key, person, along, capacity)
     laid = laid if shape is None else laid._replace(shape=shape)
     entries, dtype = jnp.arange(FIRST, capacity + 3), laid.x.dtype
-    inside, checked = ((jnp.arange(n, dtype=dtype) + 0.5) / n for n in (SAMPLES, CHECKED))
+    inside, checked = ((jnp.arange(n, dtype=dtype) + 0.5) / n for n in (SAMPLES, 32))
     # The legs of recorded people are longest at a landing, those by the rules are not.
     borders = jnp.asarray((0.0, 1.0), dtype)
     r = jnp.concatenate([inside, borders, checked])
@@ -166,7 +166,7 @@ def planned(
     k = jnp.arange(-1, capacity + 3, dtype=dtype)
     walks = (k > 0.5) & (k < gait.steps + 1.5)
     # Between standing and walking, knees may be as straight as in usual walking.
-    bent = jnp.where((walks[:-1] & walks[1:])[FIRST:], gait.knee_stance, jnp.minimum(gait.knee_stance, STRAIGHT))
+    bent = jnp.where((walks[:-1] & walks[1:])[FIRST:], gait.knee_stance, jnp.minimum(gait.knee_stance, 10.0 * DEGREE))
     knee = reach(body, bent)[None, :, None]
     # How much higher a leg of full length lets the hips be.
     at = (jnp.sqrt(jnp.maximum(knee * knee - level, 1e-4)) - line[2])[..., : SAMPLES + 2]
@@ -198,7 +198,8 @@ def planned(
     near = jnp.where(climbs[:, None], jnp.maximum(near, 0.0), 0.0)
     begins, ends = (jnp.max(jnp.where(part[None, :], near, 0.0), axis=1) for part in (early, ~early))
     lower = jnp.maximum(jnp.pad(begins, (FIRST, 1)), jnp.pad(ends, (FIRST + 1, 0)))
-    curve = pieces(high - jnp.where(walks, MORE * lower, 0.0), moving, monotone=True)
+    # more than they are too high, for curves around them rise as well
+    curve = pieces(high - jnp.where(walks, 1.5 * lower, 0.0), moving, monotone=True)
     path = path_of(curve)
     over = path[:, : SAMPLES + 2] - lowest
     needed = jnp.where(deep[None, :], over / jnp.where(deep, weight, 1.0)[None, :], -1.0)
@@ -215,16 +216,9 @@ def planned(
     return laid, Slack(far, 1.0 / long - 1.0)
 
 
-SAMPLES, SHARP, CHECKED = 24, 0.0005, 32
-"""[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants; [1]
-instants of a step at which the legs' limits are checked."""
-
-STRAIGHT, MORE = 10.0 * DEGREE, 1.5
-"""[rad] Flexion of the knee that is enough in the steps from and to standing, also of people who walk with bent knees;
-[1] factor by which heights on stairs and slopes are lowered more than they are too large."""
-
-SHAKEN = 0.24
-"""[steps] Duration of the impact motion of the pelvis after a contact."""
+SAMPLES, SHARP = 24, 0.0005
+"""[1] Instants of a step at which the legs' reach is computed; [m] width of the soft minimum over these instants; both
+chosen by hand."""
 
 
 def _dip(r: Jet) -> Jet:

@@ -7,7 +7,8 @@ differentiated.
 
 from jgait.geometry.rotation import turn
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate.sensors.imu import DEGREE, ImuErrors, check_errors, measure
+from jgait.simulate.person import DEGREE
+from jgait.simulate.sensors.imu import ImuErrors, check_errors, measure
 from jgait.simulate.sensors.presets import HC_SR04, IDEAL, IDG300, MPU6000, ON_SHOE, OPAL
 from jgait.simulate.sensors.range import Ranging, check_ranging, measure_range, nearest_point
 from jgait.types import RangeReadings

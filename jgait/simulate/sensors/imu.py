@@ -14,8 +14,6 @@ from jgait.notes import record
 from jgait.signal import butterworth
 from jgait.types import AnyArray, Imu, Values
 
-DEGREE = math.pi / 180.0
-
 
 @record
 class ImuErrors(NamedTuple):

@@ -5,7 +5,8 @@ or chosen here. Figures without a source were chosen; a study that depends on su
 import math
 
 from jgait.geometry.vectors import GRAVITY
-from jgait.simulate.sensors.imu import DEGREE, ImuErrors
+from jgait.simulate.person import DEGREE
+from jgait.simulate.sensors.imu import ImuErrors
 from jgait.simulate.sensors.range import Ranging
 
 IDEAL = ImuErrors()
