@@ -222,8 +222,6 @@ def _outcomes(
     with machines.client_of(dask) as client:
         for item, place in chain(ready.items(), _places(work, [i for i in items if i not in ready], client)):
             if place is None:
-                from jgait.tune.dask import DIED
-
                 died = Outcome(item.subject or item.file.stem, DIED, command=words)
                 place = died.write(Path(tempfile.mkdtemp(dir=folder.stage)))
             outcome = Outcome.read(place)
@@ -249,7 +247,6 @@ def _places(
                 programs.before_compiling(partial(bar, f"{item.label}: compiling (first time only)", 0, None))
                 yield item, work((item,))
             return
-        from jgait.tune.dask import on_dask
 
         there = {item._replace(file=item.file.resolve()): item for item in items}  # workers run in other folders
         for done, ((item,), place) in enumerate(on_dask(work, there, client)):

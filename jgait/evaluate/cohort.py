@@ -130,8 +130,6 @@ def cohort(
 
 def _on_dask(job: CohortJob, items: Iterable[tuple[str, PyTree]], client: "Client") -> Generator[Cohort]:
     """The tables of each group of `job.batch` items, from the workers of a cluster."""
-    from jgait.tune.dask import DIED, on_dask
-
     with closing(on_dask(partial(_evaluated, job), items, client, job.batch)) as results:
         for group, part in results:
             yield tables([], [Failed(name, "", DIED) for name, _ in group]) if part is None else part
