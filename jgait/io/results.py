@@ -238,7 +238,9 @@ class Results:
                 column = COLUMNS[name]
                 usable = counted.get(USABLE.get(column.quantity, ""), counted["regular"]).astype(bool)
                 spread = counted.loc[usable & counted[name].notna()].get(column.deviation)
-                text = column.text(medians.get(column.quantity), None if spread is None else spread.median())
+                # as of one stride; sensors of one side can be far better than those of the other
+                error = None if spread is None else float((spread**2).mean()) ** 0.5
+                text = column.text(medians.get(column.quantity), error)
                 totals.append(Total(column.words, text, column.quantity))
             if timed:
                 totals.append(Total("cadence", COLUMNS["cadence_spm"].text(medians.get("cadence"))))

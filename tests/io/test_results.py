@@ -41,6 +41,9 @@ def test_totals_state_what_the_tables_hold(results):
     assert totals["strides"] == f"14, {results.every['regular'].sum()} regular"
     assert totals["walking"] == "8.0 s in 2 bouts" and totals["distance"] == "9.60 ± 0.48 m"
     assert totals["stride length"] == "1.200 m" and totals["cadence"] == "120 steps/min" and "stance" not in totals
+    rough = np.where(results.estimate.strides.side == 0, 0.01, 0.08)  # a shoe, and the waist for the other side
+    one_shoe = results.estimate._replace(strides_stddev=Strides(*8 * [None])._replace(length=rough))
+    assert {total.words: total.text for total in Results(one_shoe).totals}["stride length"] == "1.200 ± 0.057 m"
     distance = results.summary.set_index("measure").loc["distance"]
     assert (distance["mean"], distance["error_std"]) == pytest.approx((9.6, 0.48))
 
