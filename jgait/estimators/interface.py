@@ -194,6 +194,10 @@ class Estimator[P, I](NamedTuple):
         moves = () if self.through else walking.spans
         return made._replace(notes=notes, quality=merged(read, made.quality), moves=moves)
 
+    def solve(self, p: P, prepared: Prepared[I]) -> Estimate:
+        """The estimate of a prepared recording; as `estimate`."""
+        return self.finished(self.computed(p, prepared), prepared)
+
     def computed(self, p: P, prepared: Prepared[I]) -> Estimate:
         """The estimate before `finished`."""
         with np.errstate(all="ignore"):

@@ -51,13 +51,13 @@ COMMANDS = {
     "plan --rates fast": "--rates is a list of positive numbers",
     "explain walk.csv --sensors abacus": "--sensors must be one of",
     # what a file holds
-    "estimate empty.csv": "empty.csv is empty",
-    "estimate a": "a is a folder, and none of a format",
+    "estimate empty.csv": "empty.csv: it is empty",
+    "estimate a": "a: it is a folder, and none of a format",
     "evaluate files.csv": "did you mean 'files'?",
     "evaluate bare.csv": "must have a header and a row for each recording",
     "evaluate none.csv": "none of the 2 recordings of none.csv could be used",
     "report nowhere.csv": "nowhere.csv: there is no such file",
-    "report a": "a is a folder, and none of a format",
+    "report a": "a: it is a folder, and none of a format",
     "report .": "is no folder that jgait evaluate wrote: ",
     # what would be overwritten
     "evaluate recordings.csv --out .": "recordings.csv is read by this command",
