@@ -78,7 +78,8 @@ def test_bad_rows_are_named_and_the_others_evaluated(evaluated):
         "nowhere.csv: there is no such file", "line 7: walk0.csv is listed twice", "line 8: it names no file",
         "line 9: ./walk0.csv and walk0.csv are the same file", "4 recordings of 2 people",
         "Limits and ICC need 5 people",
-        "empty.csv: it is empty", "thigh_length_m must be between 0.2 and 0.7 m", "6 of 10 recordings could not be used",
+        "empty.csv: it is empty",
+        "thigh_length_m must be between 0.2 and 0.7 m", "6 of 10 recordings could not be used",
     ):  # fmt: skip
         assert words in said, said
     failures = pd.read_csv(out / "failures.csv").set_index("recording")["subject"]
