@@ -5,6 +5,7 @@ A kind of fact is declared once, in the module that detects it: `LOST = Kind("sa
 `LOST(placement="waist", lost=3)`. Programs read `code`, `severity` and `values`; people read `text` and `meaning`.
 """
 
+import difflib
 import html
 import json
 import math
@@ -25,9 +26,10 @@ type Value = str | int | float | bool | tuple[str, ...] | Range
 
 
 def printable(text: str, most: int | None = None) -> str:
-    """A text with control characters as their codes, and at most `most` characters: the middle is left out."""
+    """A text with control characters as their codes, and at most `most` characters: middle words are left out."""
     if most is not None and len(text) > most:
-        text = f"{text[: 2 * most // 3]} … {text[-(most // 3 - 3) :]}"
+        begin, end = text[: 2 * most // 3], text[-(most // 3 - 3) :]
+        text = f"{begin.rpartition(' ')[0] or begin} … {end.partition(' ')[2] or end}"
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in text)
@@ -216,11 +218,16 @@ def of_recordings(many: int, whole: int, singular: str = "", plural: str = "") -
     return f"{many} of {whole} {recordings} {singular if many == 1 else plural}".strip()
 
 
-def listed(texts: Iterable[str], longest: int | None = None) -> str:
-    """The first two of several texts, and how many more there are, in at most so many characters."""
+def listed(texts: Iterable[str]) -> str:
+    """The first two of several texts, and how many more there are."""
     first, rest = (every := list(texts))[:2], len(every) - 2
-    shown = [printable(text, longest and longest // len(first)) for text in first]
-    return "; ".join([*shown, f"and {rest} more"] if rest > 0 else shown)
+    return "; ".join([*first, f"and {rest} more"] if rest > 0 else first)
+
+
+def meant(name: str, known: Iterable[str], cutoff: float = 0.5) -> str:
+    """The end of a message about an unknown name: the known one that is nearest, if one is near."""
+    near = difflib.get_close_matches(name, known, 1, cutoff)
+    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def _joined(same: list[Note]) -> list[Note]:

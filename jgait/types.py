@@ -231,7 +231,7 @@ class RecordingError(ValueError):
         LONGEST: [characters] longest message; of a longer one the middle is left out.
     """
 
-    LONGEST = 300
+    LONGEST = 600
 
     def __init__(self, template: str, *, argument: str = "", value: str | dict[str, str] = "") -> None:
         self.template, self.argument, self.value = template, argument, value

@@ -170,7 +170,7 @@ def test_recordings_are_counted_in_the_singular_and_the_plural(many, whole, word
 
 def test_of_several_texts_two_are_shown():
     assert listed(["a"]) == "a" and listed("ab") == "a; b" and listed("abcd") == "a; b; and 2 more"
-    assert len(listed(["a" * 300, "b" * 300], 200)) < 210
+    assert listed(["a" * 300, "b" * 300]) == "a" * 300 + "; " + "b" * 300  # sentences are not cut
 
 
 @pytest.mark.parametrize(

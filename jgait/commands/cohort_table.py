@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from jgait import estimators, io
-from jgait.commands.console import meant, say_failures, stop
+from jgait.commands.console import say_failures, stop
 from jgait.commands.options import measures_of
 from jgait.commands.recordings import OPTIONS, places_in, recording_of
 from jgait.estimators import proportions
@@ -23,7 +23,7 @@ from jgait.io.names import like_a_signal
 from jgait.io.strides import TIMES
 from jgait.io.text import read_table
 from jgait.io.units import ACC_UNITS, GYR_UNITS, unit_scale
-from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note
+from jgait.notes import DEFAULT_MEASURE, LEFT_OUT, Kind, Note, meant
 from jgait.quality import of_sensor
 from jgait.types import Recording, Walk, people, reason_of
 

@@ -1,7 +1,6 @@
 """Output of the commands: messages, JSON files, progress bars, and exit with an error message."""
 
 import contextlib
-import difflib
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -119,12 +118,6 @@ def note(message: object) -> None:
     errors.print(visible(message), highlight=False, style="yellow", soft_wrap=True)
 
 
-def meant(name: str, known: Iterable[str], cutoff: float = 0.5) -> str:
-    """The end of a message about an unknown name: the known one that is nearest, if one is near."""
-    near = difflib.get_close_matches(name, known, 1, cutoff)
-    return f"; did you mean {near[0]!r}?" if near else ""
-
-
 def count(number: int, singular: str, plural: str) -> str:
     """A number with a noun in the singular or plural."""
     return f"{number} {singular if number == 1 else plural}"
@@ -139,7 +132,7 @@ def show(
     """
     table = Table(title=title, title_justify="left")
     for number, heading in enumerate(headings):
-        table.add_column(escape(heading), justify="left" if number < left else "right")
+        table.add_column(escape(heading), justify="left" if number < left else "right", overflow="fold")
     for part in (rows, below):
         for row in part:
             table.add_row(*map(visible, row))

@@ -10,12 +10,12 @@ import typer
 from jaxtyping import PyTree
 
 from jgait import estimators, io
-from jgait.commands.console import count, meant, note, refused, stop
+from jgait.commands.console import count, note, refused, stop
 from jgait.estimators import About, Estimator, proportions
 from jgait.estimators.about import CommandOption, Settings
 from jgait.estimators.proportions import in_metres, outside
 from jgait.io.files import json_object
-from jgait.notes import DEFAULT_MEASURE, Kind, Note
+from jgait.notes import DEFAULT_MEASURE, Kind, Note, meant
 from jgait.params import check_params
 from jgait.types import Estimate, Recording, people
 

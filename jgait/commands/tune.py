@@ -11,10 +11,10 @@ from jgait.commands import cohort as cohorts
 from jgait.commands import console, machines, options, recordings, tune_report, tune_run
 from jgait.commands import preset as presets
 from jgait.commands.cohort_table import COPIED, REFERENCES, Source
-from jgait.commands.console import meant, refused, say_failures, stop
+from jgait.commands.console import refused, say_failures, stop
 from jgait.commands.folder import results_folder
 from jgait.commands.options import measures_of, pipeline_of, start_of, tunings
-from jgait.notes import of_recordings
+from jgait.notes import meant, of_recordings
 from jgait.params import freed, priors
 from jgait.params import names as parameters
 from jgait.tune import Lessons, objective, parsed

@@ -12,7 +12,7 @@ import numpy as np
 
 from jgait.estimators.stride_flags import FEW_REGULAR, STRIDE_FLAGS, UNEVEN_DURATION, stride_notes
 from jgait.io.results import Results, Total
-from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, printable, without_repeats
+from jgait.notes import DEFAULT_MEASURE, FEW_RESTS, LOSSES, Note, grouped, without_repeats
 from jgait.types import PLACEMENTS
 
 
@@ -35,7 +35,7 @@ USUAL = (LOSSES, FEW_RESTS, DEFAULT_MEASURE, FEW_REGULAR.meaning)
 """Meanings of notes that most recordings have without any fault; of one severity they come last."""
 
 REASONS, LONGEST_REASON = 3, 90
-"""Largest number of reasons of a verdict, and [characters] longest text of a reason; chosen by hand."""
+"""Largest number of reasons of a verdict, and [characters] longest reason with several clauses; chosen by hand."""
 
 
 def of_result(results: Results, notes: Iterable[Note]) -> list[Flag]:
@@ -115,12 +115,13 @@ def verdict(flags: Iterable[Flag]) -> str:
 
 
 def _within(line: str) -> str:
-    """A sentence as a part of another: its first clauses, in small letters but for names; many sensors are counted."""
+    """A sentence as a part of another: whole, or of a long one what stands before its first semicolon or full stop; in
+    small letters but for names; many sensors are counted.
+    """
     named, _, fact = line.partition(": ")
     if len(sensors := named.lower().split(", ")) > REASONS and set(sensors) <= set(PLACEMENTS):
         line = f"{len(sensors)} sensors: {fact}"
     if len(line) > LONGEST_REASON:
-        ends = [line.rfind(mark, 0, LONGEST_REASON) for mark in (": ", ", ", "; ", " (")]
-        line = line[: max(ends)] if max(ends) > LONGEST_REASON // 3 else printable(line, LONGEST_REASON)
+        line = re.split(r"[;.] ", line)[0]
     word = line.partition(" ")[0]
     return line[:1].lower() + line[1:] if "_" not in word and (word[1:].islower() or word == "A") else line

@@ -283,7 +283,7 @@ def not_recognised(lacking: list[str], position: Mapping[str, int], given: list[
         f"{name} has no column that is recognised as a sensor's: found {_few(given)}{hint}; columns are named "
         f"<placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x{named}",
         argument="placements" if named else "",
-        value={strange[0]: "shank_right"} if named else "",
+        value={strange[0]: "PLACE"} if named else "",
     )
 
 

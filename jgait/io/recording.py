@@ -250,6 +250,9 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
     labels = [part.label for part in parts]
     if not parts:
         raise RecordingError(f"{name} holds no inertial sensor")
+    # sensors whose columns were recognised by their names are called by their placements
+    chosen = {where if label not in labels and (where := placement_of(label)) in labels else label: place
+              for label, place in chosen.items()}  # fmt: skip
     for label, place in chosen.items():
         if label not in labels:
             text = f"{name} has no sensor {label!r} (named by {{argument}}); it has {labels}"
@@ -275,7 +278,7 @@ def _placed(parts: Sequence[Part], chosen: Mapping[str, str], name: str, notes: 
         raise RecordingError(
             f"{name} does not state where its sensors sat: pass {{argument}}; its sensors are {', '.join(labels)}; "
             "places are waist, lower_back, foot_right, shank_left and so on; a wrong one lists all",
-            argument="placements", value={labels[0]: "shank_right"},
+            argument="placements", value={labels[0]: "PLACE"},
         )  # fmt: skip
     if nowhere:
         notes.append(LEFT_OUT.note(f"left out: {', '.join(nowhere)}"))

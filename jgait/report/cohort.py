@@ -141,7 +141,7 @@ def of_notes(recordings: "pd.DataFrame") -> list[Flag]:
     note_flags = []
     for severity, meaning in sorted(kinds, key=rank):
         name, same = next(iter(kinds[severity, meaning].items()))
-        sentences = listed(map(flags.sentence, same), 200)
+        sentences = listed(map(flags.sentence, same))
         many = of_recordings(len(kinds[severity, meaning]), len(recordings))
         usable = "" if severity == "check" else ", whose result should not be used"
         note_flags.append(Flag("check", f"{many}{usable}, such as {without_folders(name)}: {sentences}", meaning))

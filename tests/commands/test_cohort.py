@@ -144,7 +144,7 @@ def test_a_row_states_the_place_the_rate_and_the_units_of_its_recording(table, w
     own = walk.filter(regex="^(time|thigh|shank)")
     own = own.rename(columns=lambda c: c.replace("shank_right", "Wade_re").replace("thigh_right", "Bein_re"))
     own.to_csv(walks[0] / "named.csv", index=False)
-    with pytest.raises(ValueError, match="by column placement 'Bein_re=shank_right'"):
+    with pytest.raises(ValueError, match="by column placement 'Bein_re=PLACE'"):
         opened(table(lambda frame: pd.concat([frame, pd.DataFrame([{"file": "named.csv"}])]))).read("named.csv")
     placed = {"file": "named.csv", "placement": "Wade_re=shank_right; Bein_re=thigh_right"}
     named = opened(table(lambda frame: pd.concat([frame, pd.DataFrame([placed])]))).read("named.csv").recording

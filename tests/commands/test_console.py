@@ -22,6 +22,14 @@ def test_without_a_terminal_a_line_states_the_progress_from_time_to_time(monkeyp
     assert text.getvalue().splitlines() == ["step [loss 3]: 2 of 50", "step [loss 3]: 4 of 50", "compiling", "judging"]
 
 
+def test_names_in_a_narrow_table_are_whole(monkeypatch):
+    text = io.StringIO()
+    monkeypatch.setattr(console, "console", Console(file=text, width=30))
+    console.show("recording", "value", rows=[(f"data_TimeMeasure1_Test5_Trial{number}", "1.0 m") for number in (1, 2)])
+    whole = "".join(line.split("│")[1].strip() for line in text.getvalue().splitlines() if "│" in line)
+    assert whole == "data_TimeMeasure1_Test5_Trial1data_TimeMeasure1_Test5_Trial2"
+
+
 def test_a_reason_is_printed_once_for_all_recordings_that_have_it(monkeypatch):
     text = io.StringIO()
     monkeypatch.setattr(console, "errors", Console(file=text, force_terminal=False, width=120))

@@ -54,7 +54,7 @@ def test_columns_of_unknown_names_are_listed_or_placed(walk, tmp_path, without_e
     assert code == 2
     assert "found 'time', 'Bein_re_gyr_x'" in said
     assert "columns are named <placement>_gyr_x to <placement>_acc_z, such as foot_left_gyr_x" in said
-    assert "place sensors by --place 'Bein_re=shank_right'" in said
+    assert "place sensors by --place 'Bein_re=PLACE'" in said
     code, said = run("estimate", walk, "--place", "Wade_re=shank_right", "--out", tmp_path / "results", "--notes")
     assert code == 0 and "The sensor 'Wade_re' was stated to sit at shank_right" in said
 

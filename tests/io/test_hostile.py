@@ -177,3 +177,4 @@ def test_names_in_files_change_no_terminal(tmp_path):
     assert str(told.value).isprintable() and r"\x1b[2J" in str(told.value)
     assert printable("a\u202eb\udce4\nc") == "a\\u202eb\\udce4\nc"
     assert printable("0123456789" * 100, 90).startswith("0123456789" * 6 + " … ") and len(printable("x" * 99, 90)) == 90
+    assert set(printable("word " * 40, 90).split()) == {"word", "…"}

@@ -74,6 +74,12 @@ def test_placements_taken_from_names_are_noted():
     assert "columns left out: Mag X" in texts(recording.notes)
 
 
+def test_a_sensor_is_placed_by_its_own_name_also_where_its_columns_are_recognised(tmp_path):
+    walking([f"FussRechts_Gyro_{axis} [deg/s]" for axis in "XYZ"]).to_csv(tmp_path / "walk.csv", index=False)
+    for place in ("foot_right", "shank_right"):
+        assert list(io.read(tmp_path / "walk.csv", placements={"FussRechts": place}).sensors) == [place]
+
+
 def test_a_bare_g_is_a_rate_only_beside_an_acceleration(tmp_path):
     names = ["gx", "gy", "gz"]
     whole = walking(names).assign(ax=9.8, ay=0.0, az=0.0)

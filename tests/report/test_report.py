@@ -286,6 +286,8 @@ def test_notes_are_explained_each_by_its_meaning():
         ([("check", "A doubt", ""), ("stop", "Nobody walks", "")], "Do not use: nobody walks."),
         ([("check", "Pelvis, thigh_right, shank_right, foot_right: samples missing: 3 of 100", "")],
          "Usable with care: 4 sensors: samples missing: 3 of 100."),
+        ([("check", f"1 stride, {'of many, ' * 12}is left out{end}", "") for end in ("", "; the rest")],
+         f"Usable with care: 1 stride, {'of many, ' * 12}is left out; 1 stride, {'of many, ' * 12}is left out."),
         ([("stop", "A knee bends", "", "joint angles"), ("check", "A doubt", "")],
          "Do not use the joint angles: a knee bends."),
         ([("stop", "A knee bends", "", "joint angles"), ("stop", "Nobody walks", "")],

@@ -15,7 +15,7 @@ from jgait.estimators.interface import Estimator
 from jgait.estimators.proportions import gives, height_notes, outside
 from jgait.estimators.stride_flags import DOUBTFUL, LARGEST_TURN
 from jgait.estimators.waist.params import SITES
-from jgait.notes import LEFT_OUT, Kind, Note, record
+from jgait.notes import LEFT_OUT, Kind, Note, meant, record
 from jgait.quality import SensorQuality, widened
 from jgait.quality.model import LENGTH_BY_TIME
 from jgait.types import SIDES, Estimate, Imu, Recording, RecordingError, as_float
@@ -115,7 +115,9 @@ def sources(
     unknown = [name for name in person if name not in known]
     if unknown:
         tuned = [way.make().name for way in WAYS if unknown[0] in params.names(way.make().transforms)]
-        hint = f", a parameter of {tuned[0]}, which {tuned[0]}.estimate(params, recording) takes" if tuned else ""
+        hint = meant(unknown[0], known)
+        if tuned:
+            hint = f", a parameter of {tuned[0]}, which {tuned[0]}.estimate(params, recording) takes"
         raise ValueError(f"a person has {', '.join(sorted(known))}; got {unknown[0]!r}{hint}")
     if person:  # else no estimator is imported for its ranges
         _check_measures(person)

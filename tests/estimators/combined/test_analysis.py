@@ -463,6 +463,8 @@ def test_what_cannot_be_done_is_said(walked):
         jgait.analyse(only(walked[0], "thigh_right"))
     with pytest.raises(ValueError, match=r"a person has .*height.*; got 'size'"):
         jgait.analyse(walked[0], {"size": 1.8})
+    with pytest.raises(ValueError, match="got 'hight'; did you mean 'height'"):
+        jgait.analyse(walked[0], {"hight": 1.8})
     with pytest.raises(ValueError, match="got 'distance_scale', a parameter of leg_ekf, which leg_ekf.estimate"):
         jgait.analyse(walked[0], {"distance_scale": 1.05})
 
