@@ -29,6 +29,7 @@ def export(
     acc_unit: recordings.AccUnit = None,
     format: recordings.Format = None,
     place: recordings.Place = None,
+    trial: recordings.Trial = None,
     out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("jgait-export"),
 ) -> None:
     """Write what jgait.online computes at each sample as a program that runs without jgait (StableHLO).
@@ -38,7 +39,7 @@ def export(
     them with jax, numpy and flatbuffers. Exit code 0: success; 2: the recording cannot calibrate.
     """
     body = options.person_of(person, options.given(None, height, thigh, shank))
-    how = recordings.how(rate, gyr_unit, acc_unit, None, format, place)
+    how = recordings.how(rate, gyr_unit, acc_unit, None, format, place, trial)
     tuned = {}
     with refused():
         if params is not None:

@@ -17,6 +17,7 @@ from jgait.commands.simulate import sensor_of
 from jgait.estimators.columns import QUANTITIES
 from jgait.evaluate import study
 from jgait.geometry.vectors import GRAVITY
+from jgait.notes import printable
 from jgait.simulate import GAITS
 from jgait.types import PLACEMENTS, SIDES, RecordingError
 
@@ -47,9 +48,15 @@ def plan(
     sensors: Annotated[str, typer.Option(help="Of simulated people, such as on_shoe, opal, mpu6000.")] = "on_shoe",
     seed: Annotated[int, typer.Option(help="Random seed of simulated people.")] = 0,
     person: options.PersonFile = None,
+    height: options.Height = None,
+    thigh: options.Thigh = None,
+    shank: options.Shank = None,
     rate: recordings.Rate = None,
+    gyr_unit: recordings.GyrUnit = None,
+    acc_unit: recordings.AccUnit = None,
     format: recordings.Format = None,
     place: recordings.Place = None,
+    trial: recordings.Trial = None,
     figure: Annotated[Path | None, typer.Option(help="Draw the errors into this file, PNG or SVG.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the table here.")] = None,
 ) -> None:
@@ -85,8 +92,8 @@ def plan(
                 rate_hz=max(c.rate_hz for c in choices),
             ))  # fmt: skip
         else:
-            recording = recordings.only(file, recordings.how(rate, None, None, None, format, place))
-            walks, body, reason = {}, options.person_in(person), ""
+            recording = recordings.only(file, recordings.how(rate, gyr_unit, acc_unit, None, format, place, trial))
+            walks, body, reason = {}, options.person_of(person, options.given(None, height, thigh, shank)), ""
             for each in sets:  # those that the recording has
                 try:
                     walks[each] = [study.own_truth(recording, study.Setup(each), body)]
@@ -149,7 +156,7 @@ def _show(table: pd.DataFrame, measure: str, within: float | None, people: int) 
     factor, unit = (100.0, "cm") if column.unit == "m" else (1.0, column.shown)
     for row in table.to_dict("records"):
         if not row["walks"]:
-            rows.append((row["name"], "–", *[""] * 5, row["reason"][:60]))
+            rows.append((row["name"], "–", *[""] * 5, printable(row["reason"], 60)))
             continue
         columns = ("expected", "bias", "sd", "stride_rmse")
         numbers = ["–" if math.isnan(row[name]) else f"{factor * row[name]:.2f}" for name in columns]

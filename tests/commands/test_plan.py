@@ -45,7 +45,8 @@ def test_explain_names_what_it_cannot(walk):
 
 def test_plan_of_a_recording_and_of_simulated_people(walk, tmp_path):
     numbers, figure = tmp_path / "numbers.json", tmp_path / "plan.png"
-    code, said = command.run("plan", walk, "--places", "waist,feet", "--rates", "50,100", "--json", numbers)
+    of_file = ("--height", "1.75", "--gyr-unit", "deg/s", "--acc-unit", "m/s^2")
+    code, said = command.run("plan", walk, "--places", "waist,feet", "--rates", "50,100", "--json", numbers, *of_file)
     assert code == 0, said
     rows = json.loads(numbers.read_text())["setups"]
     assert {row["name"] for row in rows} == {"waist, 50 Hz", "waist, 100 Hz"}

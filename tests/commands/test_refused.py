@@ -50,6 +50,8 @@ COMMANDS = {
     "plan --places nose": "there is no 'nose'",
     "plan --rates fast": "--rates is a list of positive numbers",
     "explain walk.csv --sensors abacus": "--sensors must be one of",
+    "plan walk.csv --trial a": "walk.csv is no Mobilise-D file, so there is no trial 'a'",
+    "export walk.csv --trial a": "walk.csv is no Mobilise-D file, so there is no trial 'a'",
     # what a file holds
     "estimate empty.csv": "empty.csv: it is empty",
     "estimate a": "a: it is a folder, and none of a format",
