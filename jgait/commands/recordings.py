@@ -60,7 +60,7 @@ def _in_options(error: RecordingError, options: Mapping[str, str], *names: str) 
     for name in names:
         if text.startswith(f"{name} "):  # the command prints the file's name before it
             text = f"it {text.removeprefix(f'{name} ')}"
-        text = text.removeprefix(f"{name}: ")
+        text = text.removeprefix(f"{name}: ").removeprefix(f"{name}, ")
     return RecordingError(text)
 
 

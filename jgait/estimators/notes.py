@@ -39,14 +39,15 @@ SCALE_NOTED = 0.01
 SCALE_CORRECTED = Kind(
     "accelerometer_scale",
     "corrected",
-    "the accelerometer of {placement} reads {percent:+.1f} % of gravity {when}; corrected",
+    "the accelerometer of {placement} differs from gravity by {percent:+.1f} % {when}; corrected",
     SCALE,
 )
 
 ACCELEROMETER_OFF = Kind(
     "accelerometer_off",
     "check",
-    "the accelerometer of {placement} reads {percent:+.1f} % of gravity {when}, a scale or a bias that is not usual",
+    "the accelerometer of {placement} differs from gravity by {percent:+.1f} % {when}, a scale or a bias that is not "
+    "usual",
     "One attitude cannot separate a wrong scale from a bias. If it is the scale, all lengths are wrong by as much; "
     "their deviations are larger for it. Calibrate the sensor, or look at its unit and range.",
 )

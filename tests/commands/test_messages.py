@@ -63,6 +63,8 @@ def test_a_file_without_time_says_what_came(recording, walk, tmp_path, without_e
     rows = len(recording.sensors["thigh_right"].time)
     assert f"it has {rows} rows and no column called 'time', so --rate is needed; it was not given" in said
     assert "columns that are not of sensors: clock" in said
+    walk.write_text(f"{walk.read_text()}{'0,' * 99}\n0\n")
+    assert "walk.csv: line " in run("estimate", walk, "--out", tmp_path / "out")[1]
     with pytest.raises(RecordingError, match=r"walk has 20 samples without time stamps, so sampling_rate_hz is needed"):
         io.recording_from_arrays({"waist": {"gyr": np.ones((20, 3))}}, name="walk")
 

@@ -78,6 +78,7 @@ def test_an_accelerometer_far_off_at_rest_makes_lengths_less_certain(make, modul
     plain, found = (module.estimator().estimate(module.estimator().params, one) for one in (made.recording, off))
     noted, usual = (codes(one.diagnostics["notes"]) for one in (found, plain))
     assert "accelerometer_off" in noted and "accelerometer_scale" not in noted and "accelerometer_off" not in usual
+    assert any(f"differs from gravity by {100.0 * (factor - 1.0):+.1f} %" in str(n) for n in found.diagnostics["notes"])
     error = np.abs(found.strides.length - made.length)
     assert np.all(error < 2.0 * found.strides_stddev.length) and error.mean() > 2.0 * plain.strides_stddev.length.mean()
     total = np.abs(found.distance[-1] - np.sum(made.length))

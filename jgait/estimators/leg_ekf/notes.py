@@ -17,10 +17,10 @@ NOT_ESTIMATED = Kind(
 
 ONE_LEG = Kind(
     "one_leg", "check",
-    "leg_ekf measures the {side} leg only: distances come out some 10 % short, unless the scale of distances was "
-    "learned from one leg",
-    "All numbers of strides are of this leg. The steps of the other leg are not measured; the distance is less certain "
-    "for it.",
+    "leg_ekf measures the {side} leg only: its own distance comes out some 10 % short, unless the scale of distances "
+    "was learned from one leg",
+    "Angles and strides of leg_ekf are of this leg. The steps of the other leg are not measured; the distance of "
+    "leg_ekf is less certain for it.",
 )  # fmt: skip
 
 STANDS_OTHERWISE = Kind(

@@ -349,8 +349,8 @@ def _xio(rows: Rows) -> Measured:
         whole = np.column_stack([time, gyr, acc])
         fresh = np.append(True, np.any(whole[1:] != whole[:-1], axis=1))
         if not fresh.all():
-            again = f"rows that repeat the row before left out: {(~fresh).sum()}"
-            notes.append(DATA_LOST.note(f"{rows.path.name}: {again}"))
+            again = "{rows} {rows:row|rows} of {file} {rows:repeats|repeat} the row before and {rows:is|are} left out"
+            notes.append(DATA_LOST.note(again, rows=(~fresh).sum(), file=rows.path.name))
         time, gyr, acc = time[fresh], gyr[fresh], acc[fresh]
     stem = rows.path.stem  # every device writes its file under the same name
     called = rows.path.parent.resolve().name if stem.lower() in ("inertial", "sensors") else stem

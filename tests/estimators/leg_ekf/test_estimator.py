@@ -260,5 +260,5 @@ def test_of_long_gaps_nothing_is_stated_and_one_leg_is_noted(walk):
 
     three = only(recording, "thigh_right", "shank_right", "shank_left")
     alone = leg_ekf.prepared(three, DEFAULT._replace(distance="stance"))
-    assert any(note.startswith("leg_ekf measures the right leg only") for note in texts(alone.notes))
+    assert any(note.startswith("leg_ekf measures the right leg only: its own distance") for note in texts(alone.notes))
     assert "shank_left is left out, because it is worn without the thigh of that leg" in texts(alone.notes)

@@ -266,7 +266,7 @@ def test_xios_clocks_and_a_row_that_repeats_the_row_before(tmp_path, first, scal
     path = made_files.xio(tmp_path / "a.csv", first=first, scale=scale, repeat=30)
     recording = io.read(path, placement="foot_right")
     made_files.check(recording)
-    assert "a.csv: rows that repeat the row before left out: 1" in texts(recording.notes)
+    assert "1 row of a.csv repeats the row before and is left out" in texts(recording.notes)
 
 
 # --- real files ---
