@@ -33,7 +33,7 @@ def test_sensors_that_are_named_by_no_place_are_placed_by_the_caller(tmp_path, u
         io.read(path, placements={"IMU1": "footright"})
     with pytest.raises(RecordingError, match=r"pass placements=.*; its sensors are IMU1, IMU10; places are waist"):
         io.read(path)
-    with pytest.raises(RecordingError, match="io.read and the commands place sensors by placements={'IMU1': 'shank_"):
+    with pytest.raises(RecordingError, match="io.read and the commands place sensors by placements={'IMU1': 'PLACE'"):
         io.read_csv(path)
 
 
