@@ -219,7 +219,7 @@ def of_leg(imu: Imu, rate: float, lever: float) -> Evidence:
     restless = np.hypot(unrest(gyr, acc, calm), accelerated / JOLT)
     # the foot stands where the unrest is the least within 0.25 s, and small beside the largest within 0.9 s
     near = window_size(0.5, rate)
-    limit = np.maximum(0.28 * window_maximum(restless, window_size(1.8, rate)), 0.6)
+    limit = np.maximum(0.24 * window_maximum(restless, window_size(1.8, rate)), 0.6)
     at = np.flatnonzero((restless <= -window_maximum(-restless, near)) & (restless < limit))
     at = at[np.diff(at, prepend=-near) > near // 2]
     turns = attitudes(gyr, acc, rate)
