@@ -15,7 +15,7 @@ from jgait import simulate
 from jgait.estimators import ankle_stride, foot_ins, waist
 from jgait.estimators.walking import walking_alone
 from jgait.events.movement import movement
-from jgait.simulate.sensors import MPU6000
+from jgait.simulate.sensors import MPU6000, OPAL
 from jgait.types import Imu, Recording, as_float
 
 EVERY = {**CHOSEN, **JUDGED}
@@ -57,6 +57,13 @@ def test_walks_of_every_gait_stay_as_they_are(gait):
         found = walking_alone(recording)
         assert found.spans == () and not found.notes
         assert all(found.recording.sensors[name] is imu for name, imu in recording.sensors.items())
+
+
+def test_a_shank_that_turns_round_calmly_at_the_end_of_stance_does_not_stand_there():
+    """The foot then pushes off, and the shank's velocity is not that about a foot that stands."""
+    placements = ("thigh_right", "shank_right")
+    ((recording, _),) = simulate.cohort(jax.random.key(2), 1, simulate.straight(12.0), OPAL, 100.0, placements)
+    assert walking_alone(recording).spans == ()
 
 
 @pytest.mark.parametrize("sensors", [("shank_right", "shank_left"), ("foot_right", "foot_left")])
