@@ -30,7 +30,11 @@ def _first(values: Float[AnyArray, "time axis"]) -> Bool[np.ndarray, "time"]:
 
 
 def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:
-    """(T,) bool, runs of `least` equal readings within 0.1 % of their axis's largest, if that is `above` a limit."""
+    """(T,) bool, runs of `least` equal readings within 0.1 % of their axis's largest, if that is `above` a limit.
+
+    In an axis of coarse resolution peaks that are not cut off are flat, too: none of its samples is returned if that
+    explains all runs.
+    """
     every, new = as_float(values), _first(values)
     if not new.all():
         return at_limit(every[new], above, least)[np.cumsum(new) - 1]
@@ -39,10 +43,26 @@ def at_limit(values: Float[AnyArray, "time axis"], above: float, least: int = 2)
         top = np.abs(axis).max(initial=0.0)
         if top > above:
             equal = (np.diff(axis) == 0.0) & (np.abs(axis[1:]) >= 0.999 * top)
-            for first, last in true_runs(equal):
-                if last - first + 1 >= least:
-                    flags[first : last + 1] = True
+            runs = [(first, last + 1) for first, last in true_runs(equal) if last - first + 1 >= least]
+            if runs and _by_rounding(axis, runs) < 0.01:
+                for first, after in runs:
+                    flags[first:after] = True
     return flags
+
+
+def _by_rounding(axis: Float[np.ndarray, "time"], runs: list[tuple[int, int]]) -> float:
+    """Chance [1] that the readings of each run, from its first to before its last index, are equal by rounding alone.
+
+    Two readings of a steep signal are equal with a chance of one step of the resolution over the change beside them. A
+    parabola that stays within one step over n readings falls by less than ((n + 1) / (n - 1))² steps beside them.
+    """
+    step, chance = float(np.diff(np.unique(axis)).min(initial=np.inf)), 1.0
+    for first, after in runs:
+        size = after - first
+        beside = axis[[row for row in (first - 1, after) if 0 <= row < len(axis)]]
+        falls = float(np.abs(axis[first] - beside).min(initial=np.inf))
+        chance *= min(((size + 1) / (size - 1)) ** 2 * step / falls, 1.0) ** (size - 1)
+    return chance
 
 
 def forces_clipped(acc: Float[AnyArray, "time axis"], above: float, least: int = 2) -> Bool[np.ndarray, "time"]:

@@ -45,10 +45,24 @@ def test_a_rate_within_the_range_stays_as_it_is(rate):
 
 
 def test_equal_readings_at_the_limit():
-    values = np.array([[0.0], [9.0], [9.0], [1.0], [-9.0], [-9.0], [-9.0], [3.0], [3.0]])
+    values = np.array([[0.01], [9.0], [9.0], [1.0], [-9.0], [-9.0], [-9.0], [3.0], [3.0], [0.0]])
     np.testing.assert_array_equal(np.flatnonzero(clipping.at_limit(values, 8.0)), [1, 2, 4, 5, 6])
     np.testing.assert_array_equal(np.flatnonzero(clipping.at_limit(values, 8.0, 3)), [4, 5, 6])
     assert not clipping.at_limit(values, 9.5).any() and not clipping.at_limit(np.zeros((0, 2)), 1.0).any()
+
+
+@pytest.mark.parametrize("resolution", [0.005, 0.96])
+def test_equal_readings_of_a_coarse_signal_are_no_limit_but_many_are(resolution):
+    """Twenty landings of different heights, 0.02 s wide at 100 Hz; the highest has two equal readings."""
+    time = np.arange(0.0, 20.0, 0.01)
+    height = np.random.default_rng(2).uniform(15.0, 28.0, 20)
+    height[7] = 31.0
+    true = height[time.astype(int)] * np.exp(-(((time % 1.0 - 0.505) / 0.03) ** 2))
+    read = resolution * np.round(true / resolution)[:, None]
+    assert np.sum(read == read.max()) == 2
+    cut = np.clip(read, None, resolution * np.round(21.0 / resolution))
+    assert clipping.at_limit(cut, 18.0).sum() > 10
+    assert not (resolution > 0.1 and clipping.at_limit(read, 18.0).any())
 
 
 def impacts(resolution):
