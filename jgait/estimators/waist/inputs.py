@@ -106,18 +106,19 @@ def bouts(
     pause = np.maximum(2.2 / np.maximum(as_float(contacts.step_frequency), 0.5), 2.0) * rate
     cut = np.flatnonzero((np.diff(at) > pause[1:]) | (ended[1:] > begun[:-1])) + 1
     of_bouts: list[list[Node]] = []
+    shift = 0.5 * rate  # [s] a foot swings in it; nearer to a rest, weight shifts
     stood = -1.0
     for rows in np.split(np.arange(len(at)), cut):
         first, last = at[rows[0]], at[rows[-1]]
-        before = max((b - 1.0 for a, b in still if b - 1.0 < first), default=-1.0)
+        # a first contact just before the end of a rest is a weight shift
+        before = max((b - 1.0 for a, b in still if a < first and b - 1.0 < min(first + shift, last)), default=-1.0)
         behind = min((float(a) for a, b in still if a > last), default=np.inf)
         nodes: list[Node] = []
         from_rest = before >= stood and before >= 0.0 and first - before <= START_S * rate
         to_rest = behind - last <= START_S * rate
         step = rate / as_float(contacts.step_frequency)[rows[-1]]
-        # [s] a foot swings in it; before it, weight shifts
-        if from_rest and len(rows) > 1 and first - before < 0.5 * rate:
-            rows = rows[1:]
+        if from_rest and len(rows) > 1 and first - before < shift:
+            rows = rows[max(1, int(np.searchsorted(at[rows], before, side="right"))) :]
         if to_rest and len(rows) > 2 and forward[round(last) : int(behind)].sum() > 0.0:
             rows, last = rows[:-1], at[rows[-2]]  # no step: integrated back from standing, the trunk sways backward
         # a last impact so late after the step before is the settling of the trunk after the closing step
