@@ -48,7 +48,7 @@ class WalkedDistance(NamedTuple):
     stddev: float  #: standard deviation at the end [m].
     doubtful: bool  #: whether its sensors are in doubt, so that it counts only if there is no other.
     cut: float = 0.0  #: what of it is walked before the first and after the last whole stride [m].
-    bridged: float = 0.0  #: what of it is walked in losses [m].
+    bridged: float = 0.0  #: what of it is walked in strides that losses cut off [m].
     unseen: float = 0.0  #: standard deviation of what is not measured [m], part of `stddev`.
 
 
@@ -247,7 +247,8 @@ def walked(distances: Sequence[WalkedDistance]) -> tuple[WalkedDistance | None, 
         if abs(each.distance[-1] - total) > CONSISTENT * float(np.hypot(each.stddev, best.stddev))
     ]
     for metres, where in (
-        (best.cut, "before the first and after the last whole stride"), (best.bridged, "in losses of samples"),
+        (best.cut, "before the first and after the last whole stride"),
+        (best.bridged, "in strides that losses of samples cut off"),
     ):  # fmt: skip
         if metres >= 0.05:  # less is 0.0 m in words
             notes.append(DISTANCE_ADDED(metres=metres, where=where))
