@@ -29,12 +29,12 @@ def test_the_pendulum_of_zijlstra_and_hof():
 HZ, STEP = 100.0, 0.5
 
 
-def bout_of(steps, stands_s, forward=None):
+def bout_of(steps, stands_s, forward=None, until_s=1.0):
     """The nodes of one bout whose contacts are at these steps after 2 s, right and left in turn, before standing."""
     time = 2.0 + STEP * np.asarray(steps, float)
     side, every = np.arange(time.size) % 2, np.ones(time.size)
     contacts = Contacts(time, side, every > 0.0, time, every / STEP, 0.9 * every)
-    still = [(0, 100), (round(stands_s * HZ), round(stands_s * HZ) + 200)]
+    still = [(0, round(until_s * HZ)), (round(stands_s * HZ), round(stands_s * HZ) + 200)]
     (bout,) = bouts(contacts, still, HZ, np.zeros(1000) if forward is None else forward)
     return bout
 
@@ -46,6 +46,12 @@ def test_a_closing_step_without_a_jolt_comes_between_the_last_contact_and_standi
     assert (bout[-2].side, bout[-2].step, bout[-2].stands, bout[-1].stands) == (0, True, False, True)
     # who stands still sooner has closed the step before
     assert sum(node.contact for node in bout_of([0, 1, 2, 3], 4.4)) == 4
+
+
+def test_a_first_contact_just_before_the_end_of_a_rest_is_a_weight_shift():
+    bout = bout_of([0, 1, 2, 3], 4.4, until_s=2.1)
+    assert (bout[0].stands, bout[0].at) == (True, 209.0)
+    assert [node.at for node in bout if node.contact] == [250.0, 300.0, 350.0]
 
 
 def test_an_unknown_height_is_a_wider_deviation():
