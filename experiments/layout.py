@@ -66,7 +66,7 @@ ESTIMATION = ("estimators", "events", "mounting", "quality")
 """Folders of the library that estimate."""
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 
-SHOWS_NOTES = ("notes.py", "report/", "evaluate/store.py", "commands/estimate.py", "commands/inspect.py")
+SHOWS_NOTES = ("notes.py", "report/", "io/flags.py", "evaluate/store.py", "commands/estimate.py", "commands/inspect.py")
 """Files and folders of the library that write notes for people or show them."""
 READS_NOTE = re.compile(r"note\w*(\[[^]]*\])?\.(code|kind|values|severity)$|\b[A-Z][A-Z_]+\.code$")
 """What reads a note, or the code of a kind."""

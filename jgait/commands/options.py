@@ -83,7 +83,7 @@ def epilog() -> str:
     abouts = {name: estimators.about_of(name) for name in estimators.names()}
     lines = [f"{name}: {about.title}." + f" Columns: {about.needs}" * bool(about.needs)
              for name, about in abouts.items()]  # fmt: skip
-    known = {name: option for one in abouts for name, option in options_of(one).items() if name not in PLAIN}
+    known = {name: option for method in abouts for name, option in options_of(method).items() if name not in PLAIN}
     lines += [f"{named(name)} ({', '.join(owners(name))}): {option.help}" for name, option in known.items()]
     return "\n\n".join(lines)
 
@@ -95,7 +95,7 @@ def given(texts: list[str] | None, height: str | None, thigh: str | None, shank:
         name, equals, value = text.partition("=")
         option = f"--{name.strip().replace('_', '-')}"
         if not equals or not owners(option):
-            names = sorted({known.removeprefix("--") for one in estimators.names() for known in options_of(one)})
+            names = sorted({known.removeprefix("--") for method in estimators.names() for known in options_of(method)})
             stop(f"--option is NAME=VALUE, with one of the names {', '.join(names)}; got {text!r}")
         values[option] = value.strip()
     return {name: value for name, value in values.items() if value is not None}

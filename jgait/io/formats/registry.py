@@ -96,10 +96,10 @@ def format_of(path: str | os.PathLike[str]) -> str | None:
     line = head.decode("utf-8-sig", "replace").partition("\n")[0].strip().lower()
     if COLUMNS.intersection(split(line, separator_of(line))) - {"time"}:  # no other format has jgait's own names
         return "csv"
-    for name, one in FORMATS.items():
-        if file.name.lower().endswith(one.named) or head.lstrip(b'\xef\xbb\xbf"').startswith(one.begins):
+    for name, known in FORMATS.items():
+        if file.name.lower().endswith(known.named) or head.lstrip(b'\xef\xbb\xbf"').startswith(known.begins):
             return name
-        if not (one.named or one.begins) and _module(name).recognises(file, head):
+        if not (known.named or known.begins) and _module(name).recognises(file, head):
             return name
     return None
 
