@@ -255,6 +255,7 @@ def models() -> dict[filtering.Model, str]:
 def ones(kind: Any, *axes: int) -> Any:
     """A tuple of the annotated type whose entries are 1; `axes` are in front of the shapes of its fields."""
     if hasattr(kind, "_fields"):
+        kind = getattr(kind, "__origin__", kind)  # of a field with a declared parameter
         return kind(*(ones(kind.__annotations__[name], *axes) for name in kind._fields))
     return jnp.ones((*axes, *shape(kind)))
 
